@@ -1,7 +1,8 @@
-"""Gymnasium wrappers for any library: random horizons, the time-to-go in the observation, and disturbances.
+"""Gymnasium wrappers for any library: random horizons, the time-to-go in the observation, disturbances, and goals.
 
 `HorizonLimit` and `TimeToGoObservation` wrap one environment. `VectorHorizonLimit` and `VectorTimeToGoObservation` do
 the same for every environment of a vector, in its own autoreset mode. `Disturb` disturbs one environment.
+`StayAtGoal` counts a success only once it has lasted.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from perdure.disturbances import Disturber, parse_disturbances
 from perdure.errors import PerdureError
 from perdure.horizon import Clock, Embedding, End, HorizonDistribution, LaneClocks, check_end
 
-__all__ = ["Disturb", "HorizonLimit", "TimeToGoObservation", "VectorHorizonLimit", "VectorTimeToGoObservation"]
+__all__ = ["Disturb", "HorizonLimit", "StayAtGoal", "TimeToGoObservation"]
+__all__ += ["VectorHorizonLimit", "VectorTimeToGoObservation"]
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -40,6 +42,8 @@ HORIZON_STREAM = 1
 """Spawn key of the horizons' random numbers: seeded like the environment, but a separate stream. From the same
 stream, long episodes would go with certain start states."""
 OBSERVATION, TIME_TO_GO = "observation", "time_to_go"
+SUCCESS_KEYS = ("is_success", "success")
+"""Infos that say whether a step was successful; the first that an environment has is read."""
 
 
 class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
@@ -433,6 +437,42 @@ class VectorTimeToGoObservation(AnyVectorWrapper):
         return appended
 
 
+class StayAtGoal(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
+    """Report ``is_success`` only after so many consecutive successful steps.
+
+    The info also has ``success_once`` and ``success_at_end``, whether any step so far and this one were successful,
+    and ``longest_stay``, the most consecutive successful steps of the episode.
+    """
+
+    def __init__(self, env: gymnasium.Env[Obs, Act], steps: int, key: str | None = None) -> None:
+        """Wrap an environment whose episodes go on at the goal; `key`: info that says success, see `read_success`."""
+        if steps < 1:
+            raise PerdureError(f"steps must be at least 1, got {steps}")
+        RecordConstructorArgs.__init__(self, steps=steps, key=key)
+        super().__init__(env)
+        self.steps, self.key = steps, key
+        self._stay = self._longest = 0
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
+        """Start an episode."""
+        self._stay = self._longest = 0
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Act) -> tuple[Obs, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Make one step; PerdureError if the info does not say, or the episode ends before a success has lasted."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        success = read_success("StayAtGoal", info, self.key)
+        if math.isnan(success):
+            raise PerdureError(f"{self.env}: the info has no {' nor '.join(SUCCESS_KEYS)}: name its entry with key")
+        self._stay = self._stay + 1 if success else 0
+        self._longest = max(self._longest, self._stay)
+        if terminated and 0 < self._stay < self.steps:
+            raise PerdureError(f"{self.env} ends its episode at the goal, after {self._stay} of {self.steps} steps")
+        info = {**info, "is_success": self._stay >= self.steps, "success_once": self._longest > 0}
+        info |= {"success_at_end": bool(success), "longest_stay": self._longest}
+        return observation, reward, terminated, truncated, info
+
+
 # Horizons
 
 
@@ -673,3 +713,18 @@ def replace_unmasked(infos: dict[str, Any], fresh: dict[str, Any], lanes: NDArra
         if bare and isinstance(rows, np.ndarray) and rows.shape == (lanes.sum(), *value.shape[1:]):
             infos[key] = value.copy()
             infos[key][lanes] = rows
+
+
+def read_success(where: str, info: Any, key: str | None) -> float:
+    """Return 1.0 if the info of a step reports a success, 0.0 if it reports that there is none, nan if it does not say.
+
+    It reads the entry `key`, or PerdureError beginning with `where`; None: one of `SUCCESS_KEYS` that is True or False.
+    """
+    entries = info if isinstance(info, dict) else {}
+    for value in (np.asarray(entries[name]) for name in (SUCCESS_KEYS if key is None else (key,)) if name in entries):
+        if value.size == 1 and value.dtype.kind in "fiub" and value.item() in (0, 1):
+            return float(value.item())
+    if key is None:
+        return math.nan
+    found = f"is {entries[key]!r}" if key in entries else f"is missing; there are {', '.join(map(str, entries))}"
+    raise PerdureError(f"{where}: info[{key!r}] must be True or False after every step, it {found}")

@@ -21,7 +21,7 @@ from perdure.evaluate.table import RATES
 from perdure.evaluate.verdict import judge_episode
 from perdure.policy.reference import BIN_STEPS, Reference
 from perdure.report.groups import NO_CLOCK
-from perdure.report.schema import COLUMNS
+from perdure.report.schema import COLUMNS, GOALS
 
 T, EPISODES = 1000, 20
 
@@ -46,6 +46,8 @@ class Case:
     steps: int = 20_000
     ends: int | None = None
     reason: str = "survived"
+    at_goal: bool = False
+    """Its last step is a success."""
     falls_within: int | None = None
     """Step at which its reference episodes end."""
 
@@ -246,6 +248,14 @@ LABELED = (
     # ends
     Case("falls at once", "falls", steady(3.0), ends=30, reason="terminated", falls_within=30),
     Case("falls late", "falls", steady(3.0), ends=19_990, reason="terminated"),
+    Case("stops at a time limit that is reported as its end", "falls", steady(3.0), ends=1000, reason="terminated"),
+    # goals: without a gain over an idle robot, as where each step before the goal costs the same
+    Case(
+        "ends at its goal", "reaches its goal", steady(-1.0, 0.0), idle=-1.0, ends=43, reason="terminated", at_goal=True
+    ),
+    Case("is cut at its goal", "reaches its goal", steady(2.0), ends=50, reason="truncated", at_goal=True),
+    Case("goes on at its goal", "holds", steady(2.0), at_goal=True),
+    Case("blows up at its goal", "diverges", steady(2.0), ends=50, reason="diverged", at_goal=True),
     Case("blows up", "diverges", steady(3.0), ends=800, reason="diverged"),
     # policies that never worked
     Case("stands since training", "never worked", LIES, idle=0.97, task=3.1),
@@ -290,7 +300,12 @@ class Robots:
                 steps, returns, end, reason = case.episode()
                 moved = self.movement[seed] if self.movement and disturbance == "none" else 0.3
                 mine = labels | {"eval_seed": seed, "disturbance": disturbance, "test_horizon": case.steps}
-                mine |= {"end_step": end, "end_reason": reason, "movement_last": moved}
+                mine |= {
+                    "end_step": end,
+                    "end_reason": reason,
+                    "movement_last": moved,
+                    **dict.fromkeys(GOALS, math.nan),
+                }
                 mine |= asdict(judge_episode(steps, returns, end, reason, scale))
                 lives = reason == "survived"
                 rows += [

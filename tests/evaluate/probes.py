@@ -70,3 +70,41 @@ class Dial(gymnasium.Env):
     def _see(self) -> Any:
         grid = np.arange(6, dtype=np.uint8).reshape(2, 3) + self.pointer
         return {"pointer": np.int64(self.pointer + 3), "grid": grid, "pair": np.array([1, self.pointer])}
+
+
+class Reach(gymnasium.Env):
+    """A point moves by at most 0.1 a step to a goal 0.3 to 1.2 away, which it can therefore reach after 3 to 12 steps.
+
+    Observation and info are those of Gymnasium-Robotics' FetchReach. Reward: minus the distance, or minus 1 until the
+    goal is reached. The episode ends at the goal, is cut after some steps, is said to terminate there, or goes on.
+    """
+
+    def __init__(
+        self,
+        ends: bool = True,
+        cut_after: float = np.inf,
+        falls_after: float = np.inf,
+        sparse: bool = True,
+        key: str = "is_success",
+    ) -> None:
+        self.ends, self.cut_after, self.falls_after, self.sparse, self.key = ends, cut_after, falls_after, sparse, key
+        place = Box(-np.inf, np.inf, (1,), np.float64)
+        self.observation_space = Dict({"observation": place, "achieved_goal": place, "desired_goal": place})
+        self.action_space = Box(-1.0, 1.0, (1,), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.place, self.goal, self.steps = np.zeros(1), np.array([0.1 * self.np_random.integers(3, 13)]), 0
+        return self._see(), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        self.place = self.place + 0.1 * np.clip(action, -1.0, 1.0)
+        away = float(np.abs(self.goal - self.place)[0])
+        success = np.float32(away < 0.05)
+        terminated = bool(self.ends and success) or self.steps >= self.falls_after
+        reward = success - 1.0 if self.sparse else -away
+        return self._see(), float(reward), terminated, self.steps >= self.cut_after, {self.key: success}
+
+    def _see(self) -> Any:
+        return {"observation": self.place.copy(), "achieved_goal": self.place.copy(), "desired_goal": self.goal.copy()}

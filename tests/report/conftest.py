@@ -44,6 +44,7 @@ def judged(rate, late, survives, reason, end_step):
         "end_detail": "",
         "movement_first": 0.3,
         "movement_last": 0.3 if survives else math.nan,
+        **dict.fromkeys(("goal_first_step", "goal_longest_stay", "goal_at_end"), math.nan),
         "idle_rate": 0.0,
         "training_rate": rate,
         "published_rate": 4.0,

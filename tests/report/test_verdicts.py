@@ -10,6 +10,7 @@ import pytest
 
 from perdure.report import summary_text, wording
 from perdure.report.estimates import FAILURES, advice, estimate_table, headline
+from perdure.report.goals import GOOD
 from perdure.report.groups import behave_as_one
 
 HELP = Path(__file__).parents[2] / "docs" / "how-to" / "when-a-policy-fails.md"
@@ -79,7 +80,7 @@ class TestHeadline:
 
 class TestNext:
     def test_every_verdict_has_a_next_step_and_a_section(self):
-        assert set(wording.NEXT) == {"holds", *FAILURES, "falls in training", "fails when disturbed"}
+        assert set(wording.NEXT) == {*GOOD, *FAILURES, "falls in training", "fails when disturbed"}
         headings = re.findall(r"^## (.*)$", HELP.read_text(), re.MULTILINE)
         anchors = {re.sub(r"[^a-z0-9 -]", "", each.lower()).replace(" ", "-") for each in headings}
         assert {section for _, section in wording.NEXT.values()} <= anchors

@@ -164,6 +164,7 @@ def extrapolate(
     eval_seeds: int | None = None,
     first_eval_seed: int = 0,
     disturb: tuple[str, ...] = (),
+    success: str | None = None,
     out: Path = Path("extrapolation"),
     cores: Cores = None,
     on: On = "local",
@@ -197,6 +198,8 @@ def extrapolate(
             (of half the action range), observation_noise:0.05 (of the spread in training), action_delay:2 (steps),
             push:0.5 (m/s, every 200 steps), mass:1.2, friction:0.8, strength:0.9 (factors). push:0.2,0.4 tries each
             level. Without it: calm episodes and standard-1; discrete actions and goals: calm only.
+        success: Entry of the environment's infos that says after every step whether the goal is reached. If left out,
+            is_success or success.
         out: Folder for the table and the report. Finished parts of an interrupted evaluation are kept there.
         max_episodes: Most episodes in one process at a time. Results do not depend on it; a crash costs at most these.
         modules: Python modules that the policies' tasks may import; a policy file alone never imports anything.
@@ -232,6 +235,7 @@ def extrapolate(
             eval_seeds=eval_seeds,
             first_eval_seed=first_eval_seed,
             disturb=disturb or None,
+            success=success,
             training_horizon=training_horizon if elsewhere else None,
             out=out,
             cores=cores,

@@ -24,7 +24,7 @@ from perdure.envs.suites import (
     task_spec,
 )
 from perdure.envs.vector_env import VectorEnvWorld
-from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World
+from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World, report_success
 
 __all__ = [
     "BoolArray",
@@ -45,6 +45,7 @@ __all__ = [
     "module_of",
     "open_env",
     "refuse_import",
+    "report_success",
     "task_of_environment",
     "task_spec",
 ]

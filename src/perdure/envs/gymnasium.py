@@ -149,22 +149,25 @@ class GymnasiumWorld(TrackedWorld):
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`."""
+        from perdure.wrappers import read_success
+
         chosen = self._tracker.lanes_to_step(lanes)
         shaped = shaped_actions(self._action_space, checked_actions(actions, chosen, self._spec))
         observations = np.empty((len(chosen), self._spec.observation_size))
-        rewards = np.empty(len(chosen))
+        rewards, successes = np.empty((2, len(chosen)))
         terminated, truncated, diverged = np.empty((3, len(chosen)), np.bool_)
         steps = self._tracker.elapsed
         for row, lane in enumerate(chosen):
             where = f"{self._spec.name}, lane {lane}, step {steps[lane] + 1}"
             returned = call(where, "step", self._envs[lane].step, shaped[row])
-            observation, reward, ended, cut, _ = read_tuple(where, "step", returned, 5)
+            observation, reward, ended, cut, info = read_tuple(where, "step", returned, 5)
             observations[row] = read_observation(where, "step", self._space, observation)
             rewards[row] = read_reward(where, reward)
             terminated[row], truncated[row] = read_flag(where, "terminated", ended), read_flag(where, "truncated", cut)
             diverged[row] = divergence_count(self._envs[lane]) > 0
+            successes[row] = read_success(where, info, self.success_key)
         elapsed = self._tracker.advance(chosen, terminated | truncated)
-        return Step(observations, rewards, terminated, truncated, elapsed, diverged)
+        return Step(observations, rewards, terminated, truncated, elapsed, diverged, successes)
 
     def close(self) -> None:
         """See `World.close`."""

@@ -115,6 +115,7 @@ class VectorEnvWorld(TrackedWorld):
             truncated[chosen],
             elapsed,
             self._diverged(info)[chosen],
+            self._successes(info, chosen),
         )
 
     def close(self) -> None:
@@ -195,6 +196,20 @@ class VectorEnvWorld(TrackedWorld):
             found = np.where(self._over, np.asarray(final["diverged"], dtype=np.bool_), found)
         here = [divergence_count(env) > 0 for env in getattr(self._env.unwrapped, "envs", ())]
         return found | np.array(here) if here else found
+
+    def _successes(self, info: dict[str, Any], chosen: IntArray) -> FloatArray | None:
+        """Return what the infos of these lanes report, see `Step.successes`."""
+        from gymnasium.vector import AutoresetMode
+
+        from perdure.wrappers import SUCCESS_KEYS, lane_info, read_success
+
+        final = info["final_info"] if isinstance(info.get("final_info"), dict) else {}
+        if self.success_key is None and not {*SUCCESS_KEYS} & {*info, *final}:
+            return None
+        # In SAME_STEP mode the info of a lane that ended is of its reset; its last one is in final_info.
+        renewed = self._over & (self._mode is AutoresetMode.SAME_STEP)
+        infos = [lane_info(final if renewed[lane] else info, int(lane)) for lane in chosen]
+        return np.array([read_success(self._spec.name, each, self.success_key) for each in infos])
 
     def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
         """Return observations, with the final one of lanes that the vector has already reset."""

@@ -82,6 +82,9 @@ class Step:
     diverged: BoolArray
     """Shape (n,): the engine reports that the simulation diverged in this step. False if the engine cannot report it,
     as in EnvPool; observation and reward then show what the engine did (such as an autoreset)."""
+    successes: FloatArray | None = None
+    """Shape (n,): 1 where the environment's info reports a success after this step, 0 where it reports that there is
+    none, nan where it does not say. None: in no lane it does."""
 
     @property
     def ended(self) -> BoolArray:
@@ -248,6 +251,8 @@ class TrackedWorld:
     _tracker: LaneTracker
     _space: Any = None
     _action_space: Any = None
+    success_key: str | None = None
+    """Entry of the environment's infos that `Step.successes` has; None: is_success, or else success."""
 
     @property
     def spec(self) -> TaskSpec:
@@ -272,6 +277,15 @@ class TrackedWorld:
     def abandon(self, lanes: IntArray) -> None:
         """See `World.abandon`."""
         self._tracker.abandon(lanes)
+
+
+def report_success(world: World, key: str | None) -> World:
+    """Return the world, which then reads `Step.successes` from this info; PerdureError if its engine has no infos."""
+    if key is not None:
+        if not isinstance(world, TrackedWorld) or world.spec.engine.startswith("EnvPool"):
+            raise PerdureError(f"{world.spec.name}: success={key!r} names an info, and EnvPool's tasks have none.")
+        world.success_key = key
+    return world
 
 
 MAX_SEED = 2**31 - 1  # EnvPool's seeds are int32; one range for all worlds keeps a seed list portable

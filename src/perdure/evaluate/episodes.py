@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import TaskSpec, World, make_world
+from perdure.envs import FloatArray, TaskSpec, World, make_world, report_success
 from perdure.envs.disturbances import (
     CALM,
     STANDARD,
@@ -96,6 +96,9 @@ class Extrapolation:
     `perdure.envs.disturbances`. "push:0.2,0.4": episodes under each level. ("none",): nothing. None: both, calm
     episodes and those under standard-1; `steps` and `eval_seeds` are then of the calm ones. The same start state meets
     the same draws under every policy and clock."""
+    success: str | None = field(default=None, kw_only=True)
+    """Entry of the environment's infos that says after every step whether the goal is reached; None: is_success or
+    success, where there is one."""
     max_episodes: int = field(default=48, kw_only=True)
     """Episodes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
 
@@ -118,6 +121,8 @@ class Extrapolation:
         for name in ("clocks", "modules", "disturb"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
+        if self.success is not None and not (isinstance(self.success, str) and self.success):
+            raise PerdureError(f"success must be the name of an info, such as 'is_success', got {self.success!r}")
         if not self.policies:
             raise PerdureError("no policy to evaluate: name at least one policy file")
         if not self.clocks:
@@ -340,6 +345,23 @@ class MovementRecorder:
         return result
 
 
+class GoalRecorder:
+    """First success, longest stay at the goal and success at the last step of each episode."""
+
+    def __init__(self, episodes: int) -> None:
+        """Start before the first step; `found`: see `EpisodeRecords.goals`."""
+        self.found, self._stay = np.full((3, episodes), np.nan), np.zeros(episodes)
+
+    def take(self, episodes: NDArray[np.int64], successes: FloatArray | None, step: int) -> None:
+        """Record a step of these episodes, see `Step.successes`. A step that does not say is no success."""
+        first, longest, _ = self.found[:, episodes]
+        said = np.full(len(episodes), np.nan) if successes is None else successes
+        known, now = ~np.isnan(said) | ~np.isnan(first), said == 1.0
+        self._stay[episodes] = stay = np.where(now, self._stay[episodes] + 1.0, 0.0)
+        found = [np.fmin(first, np.where(now, step, np.inf)), np.fmax(longest, stay), now]
+        self.found[:, episodes] = np.where(known, found, np.nan)
+
+
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
 SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
 
@@ -360,6 +382,9 @@ class EpisodeRecords:
     """Cause of the end, in words; "" if unknown. Length n."""
     movement: NDArray[np.float64]
     """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
+    goals: NDArray[np.float64]
+    """First step with a success (inf: none had one), most consecutive steps with one, and whether the last step had one
+    (1 or 0), shape (3, n); nan where the environment does not say."""
     step_seconds: float = math.nan
     """Seconds of a control step; nan: unknown."""
 
@@ -369,6 +394,7 @@ def evaluate_episodes(
     episodes: Sequence[EpisodeSpec],
     progress: Callable[[int, int], None] = lambda step, running: None,
     world: World | None = None,
+    success: str | None = None,
 ) -> EpisodeRecords:
     """Run episodes that share their steps and disturbances, in this process, on one core.
 
@@ -377,6 +403,7 @@ def evaluate_episodes(
         episodes: One or more.
         progress: Called every 500 steps with (step, running episodes).
         world: The world to run in, one lane for each of ``episodes``; it stays open. By default the policies' own task.
+        success: See `Extrapolation`.
 
     Raises:
         PerdureError: If there is no episode or no step, or an episode names a policy that there is not.
@@ -398,6 +425,7 @@ def evaluate_episodes(
     seeds = [FIRST_EVAL_SEED + episode.eval_seed for episode in episodes]
     opened = make_world(disturbed_task(acting[0].policy.task.name, disturbances), seeds) if world is None else world
     try:
+        report_success(opened, success)
         if not disturbances:
             return _run(opened, acting, steps, progress)
         std = np.stack([each.policy.observation_std for each in acting])
@@ -437,6 +465,7 @@ class _Recorder:
             loop.observations, np.stack([each.policy.observation_std for each in acting]), hides_divergence
         )
         self._movement = MovementRecorder([each.policy for each in acting], steps)
+        self._goals = GoalRecorder(n)
 
     def take(self, step: int) -> None:
         """Advance the loop to step ``step`` and record the results."""
@@ -450,6 +479,7 @@ class _Recorder:
             self._loop.drop(episodes[diverged])
         self._total[episodes] += rewards
         self._movement.take(loop_step, step)
+        self._goals.take(episodes, result.successes, step)
         ended = result.ended | diverged
         if ended.any():
             self._end_step[episodes[ended]] = step
@@ -470,6 +500,7 @@ class _Recorder:
             end_reason=self._reason,
             end_detail=[self._detail(episode) for episode in range(len(self._total))],
             movement=self._movement.movement,
+            goals=self._goals.found,
         )
 
     def _detail(self, episode: int) -> str:

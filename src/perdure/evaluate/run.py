@@ -9,7 +9,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, task_of_environment
+from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, report_success, task_of_environment
 from perdure.envs.disturbances import Disturbance, disturbed_task
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
@@ -36,6 +36,7 @@ def extrapolate(
     eval_seeds: int | None = None,
     first_eval_seed: int = 0,
     disturb: Sequence[str] | str | None = None,
+    success: str | None = None,
     training_horizon: int | None = None,
     recurrent: bool = False,
     name: str | None = None,
@@ -67,6 +68,7 @@ def extrapolate(
         eval_seeds: Start states; None: as in `Extrapolation`.
         first_eval_seed: The first of them.
         disturb: As in `Extrapolation`. None: calm episodes, and those under standard-1; "none": calm ones.
+        success: As in `Extrapolation`.
         training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
             the environment, 1,000 where it has none. Not for a `Policy`, which knows its own, as does an ONNX model
             that perdure exported.
@@ -103,6 +105,7 @@ def extrapolate(
         first_eval_seed=first_eval_seed,
         hours=hours,
         disturb=(disturb,) if isinstance(disturb, str) else None if disturb is None else tuple(disturb),
+        success=success,
         modules=tuple(modules),
         max_episodes=max_episodes,
         env=env if isinstance(env, str) else None,
@@ -126,7 +129,8 @@ def extrapolate(
             stack.enter_context(store.exclusive("extrapolate", waiting))
             if (store.root / TABLE).exists() or store.keys(GROUPS):
                 raise PerdureError(REPLACED.format(store.root))
-        source = stack.enter_context(open_env(env))
+        opened = stack.enter_context(open_env(env))
+        source = replace(opened, make=lambda seeds: report_success(opened.make(seeds), success))
         if not isinstance(subject, Policy):
             timed = bool(subject.times) if isinstance(subject, OnnxModel) else clocks is not None
             subject = function_policy(subject, source, timed, training_horizon, recurrent, name)
@@ -169,7 +173,7 @@ def _evaluate_here(
 
             world = make(specs[0].disturbances, [FIRST_EVAL_SEED + episode.eval_seed for episode in specs])
             try:
-                rows = run_episodes([label], [policy], specs, report, world)
+                rows = run_episodes([label], [policy], specs, report, world, evaluation.success)
             finally:
                 world.close()
             # The last episode is repeated where a VectorEnv fixes their number.

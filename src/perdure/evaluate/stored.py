@@ -12,7 +12,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, task_of_environment
+from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, report_success, task_of_environment
 from perdure.envs.disturbances import disturbed_task, parse_disturbance
 from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, task_source_digest
 from perdure.errors import PerdureError
@@ -108,6 +108,7 @@ def run_episodes(
     episodes: Sequence[EpisodeSpec],
     report: Callable[[float, float], None],
     world: Any = None,
+    success: str | None = None,
 ) -> pl.DataFrame:
     """Return the table of a group of episodes of one condition, without verdicts."""
     steps = episodes[0].steps
@@ -116,7 +117,8 @@ def run_episodes(
         ended = len(episodes) - running  # these need no more steps
         report(step * running + steps * ended, steps * len(episodes))
 
-    return episode_table(labels, policies, episodes, evaluate_episodes(policies, episodes, progress, world))
+    records = evaluate_episodes(policies, episodes, progress, world, success)
+    return episode_table(labels, policies, episodes, records)
 
 
 def plan(
@@ -229,7 +231,7 @@ def _files(evaluation: Extrapolation) -> list[_PolicyFile]:
     return files
 
 
-def _refuse_replacing(root: Path, files: Sequence[_PolicyFile], episodes: Sequence[EpisodeSpec]) -> None:
+def _refuse_replacing(root: Path, files: Sequence[_PolicyFile], episodes: Sequence[EpisodeSpec], success: str) -> None:
     """Refuse to replace a table that has episodes of other files or settings than those asked for."""
     if not (root / TABLE).exists():
         return
@@ -237,25 +239,28 @@ def _refuse_replacing(root: Path, files: Sequence[_PolicyFile], episodes: Sequen
     for each in episodes:
         file, clock = files[each.policy], "none" if each.clock is None else each.clock.label
         settings = file.task, float(file.policy.training_horizon), each.steps, clock, each.eval_seed, each.disturbance
-        asked.add((file.digest, *settings))
+        asked.add((file.digest, success, *settings))
     columns = ("policy", "train_seed", "task", "train_horizon", "test_horizon", "clock", "eval_seed", "disturbance")
     try:
         table = Parquet((root / TABLE).read_bytes())
-        rows = table.read(columns).unique().iter_rows()
-        kept = {(table.notes.get(file_note(policy, seed)), *others) for policy, seed, *others in rows}
+        rows, notes = table.read(columns).unique().iter_rows(), table.notes
+        kept = {
+            (notes.get(file_note(policy, seed)), notes.get("success", ""), *others) for policy, seed, *others in rows
+        }
     except PerdureError:  # of another version, or damaged
         kept = {()}
     if not kept <= asked:
         raise PerdureError(REPLACED.format(root))
 
 
-def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str]) -> TaskSpec:
+def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str], success: str | None) -> TaskSpec:
     """Return the task; refuse one that a policy file alone would import, and policies that do not fit it."""
     for file in files:
         if isinstance(file.policy, Policy):
             refuse_import(file.task, modules, str(file.path))
     world = make_world(files[0].task, [FIRST_EVAL_SEED])
     try:
+        report_success(world, success)
         for file in files:
             check_fit(file.policy, world)
         return world.spec
@@ -296,7 +301,7 @@ def evaluate_files(
     check_on(on)
     workers = core_count(cores)
     files = _files(evaluation)
-    spec = _check_task(files, evaluation.modules)
+    spec = _check_task(files, evaluation.modules, evaluation.success)
     conditions = evaluation.conditions(
         spec, lambda disturbances: make_world(disturbed_task(spec.name, disturbances), [FIRST_EVAL_SEED])
     )
@@ -304,9 +309,9 @@ def evaluate_files(
     with ExitStack() as stack:
         store = Store(stack.enter_context(tempfile.TemporaryDirectory()) if out is None else out)
         stack.enter_context(store.exclusive("extrapolate", waiting))
-        _refuse_replacing(store.root, files, episodes)
+        _refuse_replacing(store.root, files, episodes, evaluation.success or "")
         versions = _versions(files[0].task)
-        setups = _setups(files[0].task, episodes)
+        setups = _setups(files[0].task, episodes, evaluation.success)
         finished = _finished(store, setups)
         kept = {episode: finished[episode] for each in episodes if (episode := _identity(each, files)) in finished}
         units = [idle_unit(files[0].task, versions)]
@@ -328,7 +333,8 @@ def evaluate_files(
             return ExtrapolationResult(frame, None, notes)
         from perdure.report import write_table
 
-        path = write_table(Path(out) / TABLE, frame, {"command": command, **made_with(), **notes})
+        told = {"command": command, "success": evaluation.success or "", **made_with(), **notes}
+        path = write_table(Path(out) / TABLE, frame, told)
         return ExtrapolationResult(frame, path, notes)
 
 
@@ -384,12 +390,12 @@ def _identity(episode: EpisodeSpec, files: Sequence[_PolicyFile]) -> Identity:
     return files[episode.policy].identity, clock, episode.eval_seed, _setup(episode)
 
 
-def _setups(task: str, episodes: Sequence[EpisodeSpec]) -> Setups:
+def _setups(task: str, episodes: Sequence[EpisodeSpec], success: str | None = None) -> Setups:
     found = Setups()
     for setup, (each, *_) in groupby(episodes, key=_setup):
         label, steps, disturb = setup
         versions = _versions(disturbed_task(task, each.disturbances))
-        shared = {"label": label, "steps": steps, "disturb": list(disturb)}
+        shared = {"label": label, "steps": steps, "disturb": list(disturb), "success": success}
         found[setup] = {"table": SCHEMA_VERSION, "versions": versions, **shared}
     return found
 
@@ -424,7 +430,7 @@ def _units(
             unit = file.reference_unit(versions)
             arguments[file.identity]["reference"] = str(store.root / unit.key)
             after += [unit.key] if unit in before else []
-    condition = {name: shared[name] for name in ("label", "steps", "disturb")}
+    condition = {name: shared[name] for name in ("label", "steps", "disturb", "success")}
     for group in groups:
         written = [
             [files[each.policy].identity, None if each.clock is None else each.clock.to_json(), each.eval_seed]
@@ -469,6 +475,7 @@ def evaluate_group(
     steps: int,
     disturb: Sequence[str],
     label: str,
+    success: str | None = None,
 ) -> None:
     """Evaluate a group of episodes and write its table to the work folder; the function of an evaluation's units."""
     if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
@@ -487,7 +494,7 @@ def evaluate_group(
         for identity, clock, seed in episodes
     ]
     buffer = io.BytesIO()
-    run_episodes(used, policies, specs, work.report).write_parquet(buffer)
+    run_episodes(used, policies, specs, work.report, success=success).write_parquet(buffer)
     write_result(work.folder / TABLE, buffer.getvalue())
 
 

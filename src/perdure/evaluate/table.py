@@ -19,6 +19,7 @@ from perdure.evaluate.score import ScoreScale
 from perdure.evaluate.verdict import judge_episode
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
+from perdure.report.schema import GOALS, OUTCOMES
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class ExtrapolationResult:
 
         from perdure.report.groups import VERDICT, half_failed_by
 
-        outcomes = ("holds", "decays", "fails silently", "falls", "diverges")
+        outcomes = [each for each in OUTCOMES if each not in ("cut", "unknown")]
         keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock", "disturbance"]
         episodes = self.final().with_columns(verdict=VERDICT)
         medians = [
@@ -162,6 +163,7 @@ def episode_table(
         "end_detail": [detail for detail in records.end_detail for _ in range(m)],
         "movement_first": np.repeat(records.movement[0], m),
         "movement_last": np.repeat(records.movement[1], m),
+        **{name: np.repeat(found, m) for name, found in zip(GOALS, records.goals, strict=True)},
     }
     return pl.DataFrame(columns)
 
@@ -198,14 +200,15 @@ def judge_table(
     last = np.flatnonzero(frame["step"] == frame["test_horizon"])
     begins = np.concatenate([[0], last[:-1] + 1])
     grid, returns = frame["step"].to_numpy(), frame["return"].to_numpy()
-    episodes = frame[last].select("test_horizon", "end_step", "end_reason", "disturbance").iter_rows()
+    columns = ("test_horizon", "end_step", "end_reason", "goal_at_end", "disturbance")
+    episodes = frame[last].select(columns).iter_rows()
     rows = []
-    for begin, end, (horizon, end_step, end_reason, label), scale in zip(
+    for begin, end, (horizon, end_step, end_reason, at_goal, label), scale in zip(
         begins, last + 1, episodes, score_scales, strict=True
     ):
         steps = window_steps(horizon)
         earned = returns[begin:end][np.isin(grid[begin:end], steps)]
-        verdict = judge_episode(steps, earned, end_step, end_reason, scale)
+        verdict = judge_episode(steps, earned, end_step, end_reason, scale, at_goal == 1.0)
         named = {name: getattr(scale, name) for name in RATES} | {"not_applied": (not_applied or {}).get(label, "")}
         rows.append(named | asdict(verdict))
     return frame.hstack(pl.DataFrame(rows)[np.repeat(np.arange(len(rows)), last + 1 - begins)])

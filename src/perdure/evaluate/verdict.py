@@ -1,4 +1,4 @@
-"""Outcome of each episode (holds, decays, fails silently, falls or diverges), and the step at which a failure began."""
+"""Outcome of each episode (holds, decays, falls, reaches its goal, ...), and the step at which a failure began."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perdure.evaluate.score import FEWEST_WINDOWS, HOLDS_FROM, IDLE_BELOW, ScoreScale
 
-Outcome = Literal["holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown"]
+Outcome = Literal["holds", "decays", "fails silently", "falls", "diverges", "reaches its goal", "cut", "unknown"]
 """cut: the environment itself ended the episode for a reason that is not a failure; unknown: cannot be judged."""
 
 MOSTLY = 0.9
@@ -41,7 +41,12 @@ class EpisodeVerdict:
 
 
 def judge_episode(
-    steps: NDArray[np.int64], returns: NDArray[np.float64], end_step: int, end_reason: str, score_scale: ScoreScale
+    steps: NDArray[np.int64],
+    returns: NDArray[np.float64],
+    end_step: int,
+    end_reason: str,
+    score_scale: ScoreScale,
+    at_goal: bool = False,
 ) -> EpisodeVerdict:
     """Return the verdict on an episode.
 
@@ -51,7 +56,10 @@ def judge_episode(
         end_step: Steps the episode lasted.
         end_reason: "survived", "terminated", "truncated" or "diverged".
         score_scale: The measure of the episode's policy.
+        at_goal: The environment reports a success at the last step. If it ends the episode there, rewards do not count.
     """
+    if at_goal and end_reason in ("terminated", "truncated"):
+        return EpisodeVerdict("reaches its goal", end_step, float("nan"), False)
     begins, scores = window_scores(steps, returns, end_step, score_scale)
     ended: dict[str, Outcome] = {"terminated": "falls", "diverged": "diverges", "truncated": "cut"}
     if score_scale.policy_state != "worked":

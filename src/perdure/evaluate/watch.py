@@ -34,6 +34,7 @@ from perdure.horizon import Clock
 from perdure.policy import ClosedLoop, EpisodePolicy, Policy
 from perdure.policy.network import one_thread
 from perdure.report import wording
+from perdure.report.goals import GOOD, REACHES
 
 FAILURES = ("falls", "fails silently", "decays", "diverges")
 BEFORE, AFTER = 5.0, 1.0
@@ -86,7 +87,7 @@ class JudgedEpisode:
         """Clock and outcome in words."""
         clock = self.clock and wording.clock(self.clock.name, f"{self.clock.steps:,.0f}")
         outcome = self.outcome
-        if outcome in ("falls", "diverges"):
+        if outcome in ("falls", "diverges", REACHES):
             outcome += f" at step {self.end_step:,}"
         elif self.failed:
             outcome += f" from step {self.failed_step:,}"
@@ -160,7 +161,7 @@ def watch(
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
     episode = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
     episodes = [episode] if beside is None else [episode, *judge.judge(beside, [episode.eval_seed])]
-    episodes.sort(key=lambda each: each.outcome != "holds")
+    episodes.sort(key=lambda each: each.outcome not in GOOD)
     with closing(render_env.build()) as env:
         shown, rate = _shown_steps(env, judge.scale, episode if until_failure else None)
         world = f"{render_env.env_id}, {engine_of(env)}"
@@ -304,7 +305,8 @@ def replay(policy: Policy, episode: JudgedEpisode, render_env: RenderEnv, stop: 
             for step in range(1, min(stop, episode.end_step) + 1):
                 result = loop.advance().step
                 total += float(result.rewards[0])
-                if bool(result.terminated[0]) != (step == episode.end_step and episode.outcome == "falls"):
+                ended = result.ended if episode.outcome == REACHES else result.terminated
+                if bool(ended[0]) != (step == episode.end_step and episode.outcome in ("falls", REACHES)):
                     raise PerdureError(f"the episode of start state {episode.eval_seed} is not the one that was judged")
                 yield Instant(step, float(result.rewards[0]), total, env)
             if stop >= episode.end_step and episode.outcome != "diverges" and not math.isclose(total, episode.total):
@@ -374,7 +376,7 @@ def _panel(
     """Yield the pictures of one episode at some steps."""
     recent: deque[float] = deque(maxlen=SCORE_STEPS)
     clock, outcome = episode.words
-    color = GREEN if episode.outcome == "holds" else RED if episode.failed else INK
+    color = GREEN if episode.outcome in GOOD else RED if episode.failed else INK
     above: list[Row] = [(TITLE, [(f"{clock}: {outcome}", color)]), (SUBTITLE, [(world, GRAY)])]
     with ExitStack() as stack:
         camera: RobotCamera | None = None

@@ -43,7 +43,7 @@ class Reference:
     lengths: NDArray[np.int64]
     """Steps of each episode, the last one included, shape (episodes,)."""
     terminated: NDArray[np.bool_]
-    """Whether the task ended the episode (a fall), shape (episodes,)."""
+    """Whether the task ended the episode other than by a success (a fall), shape (episodes,)."""
     observation_low: NDArray[np.float64]
     """Smallest value of each component of the observation, shape (observation_size,)."""
     observation_high: NDArray[np.float64]
@@ -121,7 +121,8 @@ def measure_reference(
                     loop.drop(loop_step.episodes[~valid])
                 ended = result.ended | ~valid
                 lengths[loop_step.episodes[ended]] = step + 1
-                terminated[loop_step.episodes[ended]] = result.terminated[ended]
+                fell = result.terminated & (True if result.successes is None else result.successes != 1.0)
+                terminated[loop_step.episodes[ended]] = fell[ended]
                 if not len(loop.running):
                     break
         if not np.isfinite(rewards).all():

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
+from perdure.report.goals import GOOD, MISSES, REACHES, goal_evidence, reaching
 from perdure.report.groups import EPISODE_FAILURES, NO_CLOCK, Group, failure_times, make_groups
 from perdure.report.schema import CALM, Episodes, IntArray
 from perdure.stats import (
@@ -37,8 +38,8 @@ HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
 MOTIONLESS = 0.02
 """Movement per step, in training standard deviations, below which a robot is called nearly motionless."""
-FAILURES = (*EPISODE_FAILURES, "never worked", "cannot tell")
-"""Verdicts other than "holds"; of two equally common ones, the earlier is taken."""
+FAILURES = (*EPISODE_FAILURES, MISSES, "never worked", "cannot tell")
+"""Verdicts other than `GOOD`; of two equally common ones, the earlier is taken."""
 ENDS = ("falls", "diverges")
 FACTORS = ("mass", "friction", "strength")
 """Disturbances whose level 1 changes nothing; that of the others is 0."""
@@ -144,11 +145,11 @@ class Verdict:
 
     group: Group
     label: str
-    """"holds" or one of FAILURES."""
+    """One of `GOOD` or `FAILURES`."""
     count: int
     """Episodes of that verdict."""
     share: Interval
-    """Share of the episodes that hold, shape ()."""
+    """Share of the episodes that hold or reach their goal, shape ()."""
     by_training_seed: Mapping[int, str]
     """The label of each training run by itself; empty where there is only one."""
     evidence: str
@@ -181,6 +182,8 @@ class Verdict:
         remedy = ": train longer" if self.kind == "falls in training" else ""
         if self.label == "holds":
             return f"holds for {group.test_horizon:,} steps"
+        if self.label == REACHES:
+            return reaching(group)
         if self.label == "cannot tell" and (parts := _behavior(group)):
             return f"cannot tell{self._counted}: {', '.join(parts)}"
         if _idle_first(group, self.label):
@@ -216,7 +219,7 @@ class Verdict:
         count = len(self.by_training_seed)
         parts = [
             f"{label} " + (", ".join(map(str, found)) if count <= _MOST_LISTED else f"{len(found)} of {count}")
-            for label in ("holds", *FAILURES)
+            for label in (*GOOD, *FAILURES)
             if (found := seeds.get(label))
         ]
         return f" By training seed: {'; '.join(parts)}." if parts else ""
@@ -225,20 +228,21 @@ class Verdict:
 def judge(group: Group, rng: np.random.Generator) -> Verdict:
     """Return the verdict on a group of episodes."""
     counts = Counter(group.verdicts)
-    share = survival_interval(np.isin(group.verdicts, ["holds"]), group.runs, rng)
+    share = survival_interval(np.isin(group.verdicts, GOOD), group.runs, rng)
     label = _label(counts, float(share.estimate))
     by_seed: dict[int, str] = {}
     if len(np.unique(group.runs)) > 1:
         for (seed,), part in group.facts.group_by("train_seed"):
             mine = Counter(part["verdict"])
-            by_seed[int(seed)] = _label(mine, mine["holds"] / mine.total())
-    return Verdict(group, label, counts[label], share, by_seed, "; ".join(_evidence(group, label)))
+            by_seed[int(seed)] = _label(mine, sum(mine[each] for each in GOOD) / mine.total())
+    evidence = "; ".join([*_evidence(group, label), *goal_evidence(group, label)])
+    return Verdict(group, label, counts[label], share, by_seed, evidence)
 
 
 def _label(counts: Mapping[str, int], holding: float) -> str:
-    """Return the verdict on episodes: how many had which outcome, and the share of them that hold."""
+    """Return the verdict on episodes: how many had which outcome, and the share of them that is good."""
     if holding >= HOLDING_SHARE - ROUNDING:
-        return "holds"
+        return max(GOOD, key=lambda each: counts.get(each, 0))
     return max(FAILURES, key=lambda each: (counts.get(each, 0), -FAILURES.index(each)))
 
 
@@ -259,7 +263,7 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     parts = []
     for disturbance, mine in groupby(verdicts, key=lambda verdict: verdict.group.disturbance):
         counts = Counter(verdict.label for verdict in mine)
-        counted = ", ".join(f"{label} {counts[label]}" for label in ("holds", *FAILURES) if counts[label])
+        counted = ", ".join(f"{label} {counts[label]}" for label in (*GOOD, *FAILURES) if counts[label])
         parts.append(counted if disturbance == CALM else f"under {disturbance} {counted}")
     return f"{first}{len(clauses)} policies and clocks: {'; '.join(parts)}"
 
@@ -290,7 +294,7 @@ def _condition(verdict: Verdict) -> str:
 def advice(verdicts: Sequence[Verdict]) -> tuple[str, str]:
     """Return what to do next about one policy under one clock, calm and disturbed, and its address."""
     first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
-    fails = next((verdict for verdict in (first, *others) if verdict.label != "holds"), first)
+    fails = next((verdict for verdict in (first, *others) if verdict.label not in GOOD), first)
     only_disturbed = fails.kind in EPISODE_FAILURES and not fails.group.calm
     sentence, section = wording.NEXT["fails when disturbed" if only_disturbed else fails.kind]
     return sentence, f"{wording.HELP}#{section}"
@@ -311,7 +315,7 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
         yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
         if paused := int(episodes["ever_idle"].sum()):
             yield f"{wording.count(paused, 'episode')} scored below 0.25 for a while"
-    else:
+    elif label not in (REACHES, MISSES):
         began, half, count = episodes["failed_step"].to_numpy(), group.half_failed_by, len(episodes)
         if not _idle_first(group, label):
             by = f"half of the episodes have failed by step {wording.whole(half)}"
@@ -329,7 +333,7 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
         runs = len(np.unique(group.runs))
         where = f" in {alike} of {runs} training runs" if runs > 1 else ""
         yield f"{wording.count(len(np.unique(group['eval_seed'])), 'start state')} behave as one{where}"
-    if (rate := group.failure_rate) is not None:
+    if (rate := group.failure_rate) is not None and label not in (REACHES, MISSES):
         yield from _per_hour(group, rate)
 
 
@@ -396,7 +400,7 @@ def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
         if level and " " not in level:
             who = item.group.policy_and_clock
             amount = abs(float(level) - (kind in FACTORS))
-            sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label == "holds"))
+            sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label in GOOD))
     for (who, kind), found in sweeps.items():
         levels = [level for _, level, _ in sorted(found)]
         held = list(takewhile(lambda each: each[2], sorted(found)))
@@ -442,7 +446,7 @@ def best_clock(estimates: Sequence[Estimate]) -> Estimate:
 
 def _as_good(group: Group, best: Group, rng: np.random.Generator) -> bool:
     mine, its = group.paired(best)
-    measures = [[(each["verdict"] == "holds").astype(np.float64), each.returns[:, -1]] for each in (group, best)]
+    measures = [[np.isin(each.verdicts, GOOD).astype(np.float64), each.returns[:, -1]] for each in (group, best)]
     for values, others in zip(*measures, strict=True):
         if float(mean_interval(values[mine] - others[its], group.runs[mine], rng).upper) < 0.0:
             return False

@@ -183,6 +183,7 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
     for item, look in zip(shown, _styles(shown, shown), strict=True):
         group = item.group
         times, failed = failure_times(group.verdicts, group["failed_step"])
+        times = np.minimum(times, group["end_step"])
         # An ended episode has all its reward at the next recorded step; any other is read at the last one before.
         places = np.searchsorted(group.steps, times, side="right") - 1
         places = np.where(times < group["end_step"], places.clip(0), np.searchsorted(group.steps, times))

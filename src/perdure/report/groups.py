@@ -16,6 +16,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.report import wording
+from perdure.report.goals import MISSES, REACHES, SUCCESSES
 from perdure.report.schema import CALM, Episodes, IntArray, table_episodes
 from perdure.stats import BoolArray, FailureRate, FloatArray, kaplan_meier, measure_failure_rate, median_time
 
@@ -28,16 +29,19 @@ ALIKE = 0.01
 MARKS = 100
 """Most windows in which rewards are compared."""
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
-_ENDED = pl.col("outcome").is_in(["falls", "diverges"])
+_ENDED = pl.col("outcome").is_in(["falls", "diverges", REACHES])
 
+_REACHED = (pl.col("outcome") == REACHES).any().over("task")
 VERDICT = (
-    pl.when((pl.col("policy_state") != "worked") & ~((pl.col("policy_state") == "cannot tell") & _ENDED))
+    pl.when(_REACHED & ~_ENDED)
+    .then(pl.lit(MISSES))
+    .when(~_REACHED & (pl.col("policy_state") != "worked") & ~((pl.col("policy_state") == "cannot tell") & _ENDED))
     .then(pl.col("policy_state"))
     .when(pl.col("outcome").is_in(["cut", "unknown"]))
     .then(pl.lit("cannot tell"))
     .otherwise(pl.col("outcome"))
 )
-"""Outcome of an episode as reports show it, from the columns of a table."""
+"""Outcome of an episode as reports show it, from a table. A task that ends episodes at the goal judges no rewards."""
 _NOTE = (
     pl.when(pl.col("policy_state") != "worked")
     .then(pl.col("policy_note"))
@@ -158,7 +162,7 @@ class Group:
         Calm episodes have none: they hardly differ, so they are no independent exposure.
         """
         times, failed = failure_times(self.verdicts, self["failed_step"])
-        times, hours = times - self["settling"], float(self["step_seconds"][0]) / 3600.0
+        times, hours = np.minimum(times, self["end_step"]) - self["settling"], float(self["step_seconds"][0]) / 3600.0
         settled = times > 0
         if self.calm or not np.isfinite(hours) or not settled.any():
             return None
@@ -177,10 +181,11 @@ class Group:
     def final_score(self) -> FloatArray:
         """Score against its own training at the end; 0 for ended episodes, nan where it is unknown; shape (episodes,).
 
-        An episode that fell before its first whole window counts as 0. A policy that cannot be judged has no score.
+        An episode that fell before its first whole window counts as 0. A policy that cannot be judged has no score, and
+        an episode that ended at its goal has none.
         """
-        ended, score = ~self.alive[:, -1], self["end_score_vs_training"]
-        return np.where(ended & (self["policy_state"] == "worked"), 0.0, score)
+        ended = ~self.alive[:, -1] & ~np.isin(self.verdicts, [REACHES])
+        return np.where(ended & (self["policy_state"] == "worked"), 0.0, self["end_score_vs_training"])
 
     def paired(self, other: Group) -> tuple[list[int], list[int]]:
         """Return the episodes of both groups that have the same policy and start state, in one order."""
@@ -195,10 +200,11 @@ class Group:
 def failure_times(verdicts: Sequence[str], failed_step: IntArray) -> tuple[IntArray, BoolArray]:
     """Return the steps until each episode failed or was no longer watched, and which failed: for `kaplan_meier`.
 
-    Policies that never worked have failed from the start.
+    Policies that never worked have failed from the start. What has reached its goal cannot fail any more.
     """
-    never = np.isin(verdicts, ["never worked"])
-    return np.where(never, 0, failed_step), np.isin(verdicts, EPISODE_FAILURES) | never
+    never, reached = (np.isin(verdicts, [each]) for each in ("never worked", REACHES))
+    times = np.where(reached, np.iinfo(np.int64).max, np.where(never, 0, failed_step))
+    return times, np.isin(verdicts, EPISODE_FAILURES) | never
 
 
 def half_failed_by(verdicts: Sequence[str], failed_step: IntArray) -> float:
@@ -230,10 +236,11 @@ def make_groups(table: pl.DataFrame | Sequence[Episodes]) -> tuple[Group, ...]:
     constant, periodic, each by its number of steps.
     """
     tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
+    whole = pl.concat([task.facts for task in tasks]).with_columns(SUCCESSES, verdict=VERDICT)
     groups = []
-    for task in tasks:
+    for task, facts in zip(tasks, whole.partition_by("task", "disturbance", maintain_order=True), strict=True):
         score = pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY).then(TRAINING_SCORE).otherwise(float("nan"))
-        facts = task.facts.with_row_index("row").with_columns(verdict=VERDICT, note=_NOTE, training_score=score)
+        facts = facts.with_row_index("row").with_columns(note=_NOTE, training_score=score)
         facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
         order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
         mine = [_make_group(task, part) for part in facts.partition_by("line", "clock")]

@@ -33,6 +33,7 @@ from perdure.report.estimates import (
     headline,
 )
 from perdure.report.figures import make_figures
+from perdure.report.goals import GOOD, success_cells
 from perdure.report.schema import TABLE, read_episodes
 from perdure.runs import write_atomic
 from perdure.schema import printable
@@ -43,9 +44,8 @@ if TYPE_CHECKING:
 
 # Parts of a page
 
-GOOD = ("holds", "reaches its goal")
-"""Verdicts in green; UNSURE ones are amber, all others red."""
 UNSURE = ("cannot tell",)
+"""Verdicts in amber; `GOOD` ones are green, all others red."""
 
 
 @cache
@@ -186,7 +186,7 @@ def summary_text(table: Table | Estimates) -> str:
     """Return the verdicts and the table of numbers as plain text, for a terminal; `table` as in `write_report`."""
     parts = []
     for estimates in _estimates(table).values():
-        rows = [tuple(_CELLS), *_rows(estimates)]
+        rows = _rows(estimates)
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
         points = [item.verdict.sentence for item in estimates[:MOST_POINTS]]
@@ -224,7 +224,8 @@ def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     over = " or ".join(sorted({_over(item.returns) for item in estimates}))
     missing = {(item.group.disturbance, what) for item in estimates for what in item.group["not_applied"] if what}
     left_out = "".join(f" Of {label}, this world could not apply {what}." for label, what in sorted(missing))
-    yield table("Policies, clocks and conditions", tuple(_CELLS), _rows(estimates), f"Intervals over {over}.{left_out}")
+    headings, *cells = _rows(estimates)
+    yield table("Policies, clocks and conditions", headings, cells, f"Intervals over {over}.{left_out}")
     episodes = sum(item.group.episodes for item in estimates)
     rows = [row for item in estimates for row in _episode_rows(item)][:MOST_EPISODES]
     left = (
@@ -295,7 +296,9 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
 
 
 def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
-    return [tuple(cell(item) for cell in _CELLS.values()) for item in estimates]
+    """Return the headings, and a row for each policy and clock."""
+    found = [{name: cell(item) for name, cell in _CELLS.items()} | success_cells(item.group) for item in estimates]
+    return [tuple(found[0]), *(tuple(each.values()) for each in found)]
 
 
 _EPISODE = [

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -71,8 +72,10 @@ _STEPS, _RATE, _MOVEMENT = Whole(1, MOST_STEPS), Real(unknown=True), Real(0.0, u
 _HORIZON, _CLOCK_STEPS = (Real(least, infinite=True, unknown=True) for least in (1.0, 0.0))
 END_REASONS = ("survived", "terminated", "truncated", "diverged")
 POLICY_STATES = ("worked", "never worked", "cannot tell")
-OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "cut", "unknown")
+OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "reaches its goal", "cut", "unknown")
 
+GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0.0}
+"""Columns about successes, with the value of an episode that has none."""
 CALM = "none"
 """`disturbance` of an episode that nothing disturbed."""
 
@@ -105,6 +108,11 @@ TABLE: dict[str, Column] = {
         _MOVEMENT, "movement per step in the first tenth of `test_horizon`, in training standard deviations"
     ),
     "movement_last": Column(_MOVEMENT, "likewise in the last tenth; nan for an episode that ended before"),
+    "goal_first_step": Column(
+        _HORIZON, "first step with a success; inf: no step had one; nan, here and below: the environment does not say"
+    ),
+    "goal_longest_stay": Column(Real(0.0, unknown=True), "most consecutive steps with a success"),
+    "goal_at_end": Column(Real(0.0, 1.0, unknown=True), "1: the last step of the episode is a success; 0: it is none"),
     "idle_rate": Column(_RATE, "reward per step of an idle robot: the better of zero and random actions"),
     "training_rate": Column(_RATE, "reward per step of the policy within its training horizon"),
     "published_rate": Column(_RATE, "reward per step of a published policy of the task; nan: none is known"),

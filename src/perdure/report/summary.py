@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 
 from perdure.report.estimates import Estimate, Estimates
-
-GOOD = ("holds", "reaches its goal")
-"""Verdicts that `--require holds` accepts."""
+from perdure.report.goals import GOOD
 
 
 def not_holding(estimates: Estimates) -> list[str]:
-    """Return who does not hold and what happens instead, such as "ppo: falls in 4 of 10 episodes"."""
+    """Return who neither holds nor reaches its goal, and what happens, such as "ppo: falls in 4 of 10 episodes"."""
     verdicts = [item.verdict for items in estimates.values() for item in items]
     return [verdict.short for verdict in verdicts if verdict.label not in GOOD]
 

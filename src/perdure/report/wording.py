@@ -77,12 +77,14 @@ _GAMMA = "Train again with a higher gamma (0.999, not 0.99). If it then learns t
 _INPUTS = "Check what the policy is given: normalizer, time feature, training horizon. If that is right, train longer."
 NEXT = {
     "holds": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
+    "reaches its goal": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
     "falls": (_GAMMA, "falls-or-fails-when-disturbed"),
     "fails when disturbed": (_GAMMA, "falls-or-fails-when-disturbed"),
     "falls in training": (_INPUTS, "falls-within-its-own-training-horizon"),
     "diverges": ("Watch the failure: the physics became invalid.", "diverges"),
     "fails silently": ("Watch the failure. End training episodes in this posture.", "fails-silently-or-decays"),
     "decays": ("Watch the failure. Then compare clocks, or raise gamma.", "fails-silently-or-decays"),
+    "misses its goal": ("Watch an episode that misses it. Then train longer.", "misses-its-goal"),
     "never worked": (_INPUTS, "never-worked"),
     "cannot tell": ("Run more steps and more start states (--steps, --eval-seeds).", "cannot-tell"),
 }

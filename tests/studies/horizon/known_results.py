@@ -36,6 +36,7 @@ def episodes(method, clock, seed, eval_seed, total, *, falls=False, published_ra
         "end_detail": "observation[1] left its training range at step 9" if falls else "",
         "movement_first": 1.0,
         "movement_last": math.nan if falls else 1.0,
+        **dict.fromkeys(("goal_first_step", "goal_longest_stay", "goal_at_end"), math.nan),
         "idle_rate": 0.0,
         "training_rate": 1.5,
         "published_rate": published_rate,
