@@ -76,4 +76,4 @@ def test_the_demo_runs_from_the_wheel(fresh, tmp_path):
     settings = ("DEMO_STEPS=400", "DEMO_SEEDS=2", "DEMO_EPISODES=1", f"DEMO_OUT={tmp_path / 'demo'}")
     call("make", "-o", "setup", "demo", f"BIN={fresh}", *settings)
     reports = {path.parent.name for path in (tmp_path / "demo").rglob("report.html")}
-    assert {"Hopper-v3", "Walker2d-v3", "HalfCheetah-v3", "set_table"} <= reports
+    assert {"Hopper-v3", "set_table"} <= reports

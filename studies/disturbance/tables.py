@@ -62,7 +62,6 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
         works, base = _by_run(part), groups.get((task, preset, condition, BASELINE))
         share = mean_interval(part["left"].to_numpy().astype(float), part["train_seed"].to_numpy(), rng)
         working = mean_interval(part["works"].to_numpy(), part["train_seed"].to_numpy(), rng)
-        alone = method == BASELINE or base is None
         rows.append(
             {
                 "task": task,
@@ -79,7 +78,7 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
                 "working share": float(working.estimate),
                 "working low": float(np.clip(working.lower, 0, 1)),
                 "working high": float(np.clip(working.upper, 0, 1)),
-                "p": None if alone else compare_unpaired(works, _by_run(base)).permutation_p(),
+                "p": None if base is None or base is part else compare_unpaired(works, _by_run(base)).permutation_p(),
             }
         )
     return pl.DataFrame(rows, infer_schema_length=None)

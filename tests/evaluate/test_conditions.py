@@ -111,13 +111,14 @@ def test_a_task_with_discrete_actions_or_a_goal_is_calm_and_says_so(env, act, wh
 
 
 def test_conditions_stand_in_one_table_and_later_ones_run_alone(tmp_path):
-    """Calm ones first; then the same with a disturbed condition, which must not run the calm ones again."""
-    few = {"eval_seeds": 2, "on": "here", "out": tmp_path}
-    calm = extrapolate(PPO, steps=120, disturb="none", **few)
+    """One level first; then the same with another one, which must not run the first again."""
+    few = {"steps": 120, "eval_seeds": 2, "on": "here"}
+    calm = extrapolate(PPO, disturb="none", **few)
+    extrapolate(PPO, disturb="action_noise:0", out=tmp_path, **few)
     before = set(Store(tmp_path).keys("groups"))
     started = []
     noisy = extrapolate(
-        PPO, steps=120, disturb="action_noise:0,0.3", **few, observe=lambda each: started.append(set(each))
+        PPO, disturb="action_noise:0,0.3", out=tmp_path, **few, observe=lambda each: started.append(set(each))
     )
     assert not before & started[-1]
     frame = noisy.frame

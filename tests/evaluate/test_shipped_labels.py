@@ -15,7 +15,8 @@ EXPECTED = {
     ("Hopper-v3/geometric", "constant(500)"): "holds",
     ("Hopper-v3/geometric-zoo", "constant(500)"): "never worked",
     ("Hopper-v3/linear-random", "constant(500)"): "fails silently",
-    ("Hopper-v3/ppo", "none"): "falls",
+    ("Hopper-v3/ppo", "none"): "holds",
+    ("Hopper-v3/ppo-falls", "none"): "falls",
     ("Hopper-v3/ppo-zoo", "none"): "never worked",
     ("Walker2d-v3/geometric", "constant(500)"): "holds",
     ("Walker2d-v3/ppo", "none"): "falls",
@@ -38,3 +39,11 @@ def test_a_label_is_true(tmp_path, name, clock):
         for row in result.final().iter_rows(named=True)
     )
     assert verdicts.most_common(1)[0][0] == EXPECTED[name, clock]
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize(("name", "expected"), [("Hopper-v3/geometric", "holds"), ("Hopper-v3/ppo", "falls")])
+def test_what_a_label_says_of_standard_1_is_true(tmp_path, name, expected):
+    asked = Extrapolation((find_policy(name),), clocks=("constant:500",), disturb=("standard-1",))
+    outcomes = evaluate_files(asked, tmp_path, cores=1).final()["outcome"].to_list()
+    assert outcomes == [expected] * 36
