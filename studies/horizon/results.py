@@ -21,7 +21,6 @@ import numpy as np
 import polars as pl
 
 from perdure.errors import PerdureError
-from perdure.report import groups
 from perdure.report.estimates import thin
 from perdure.report.groups import EPISODE_FAILURES, TRAINING_SCORE
 from perdure.runs import write_atomic
@@ -46,7 +45,13 @@ MEASURED = (
 MECHANISM = ("fall rate", "value error", "value variance", "action dependence")
 """Measures of the mechanism table that are one number for each training run."""
 _UNKNOWN = pl.col("policy_state") == "cannot tell"
-VERDICT = pl.when(_UNKNOWN).then(pl.lit("cannot tell")).otherwise(groups.VERDICT)
+VERDICT = (
+    pl.when(_UNKNOWN | ((pl.col("policy_state") == "worked") & pl.col("outcome").is_in(["cut", "unknown"])))
+    .then(pl.lit("cannot tell"))
+    .when(pl.col("policy_state") != "worked")
+    .then(pl.col("policy_state"))
+    .otherwise(pl.col("outcome"))
+)
 """As reports show it, but falls of a policy that cannot be judged do not count alone: shares would be of falls only."""
 VERDICTS = ("holds", "decays", "fails silently", "falls", "diverges", "never worked", "cannot tell")
 

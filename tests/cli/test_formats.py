@@ -49,8 +49,10 @@ def test_a_policy_is_exported_and_evaluated_as_an_onnx_model(command, files, tmp
     groups = set((tmp_path / "out" / "groups").iterdir())
     succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 30, cwd=tmp_path))
     assert set((tmp_path / "out" / "groups").iterdir()) == groups, "nothing is run again"
-    succeeded(command("extrapolate", "p.onnx", *flags, "--steps", 20, cwd=tmp_path))
-    assert set((tmp_path / "out" / "groups").iterdir()) > groups, "what another evaluation left is kept"
+    other = command("extrapolate", "p.onnx", *flags, "--steps", 20, cwd=tmp_path)
+    assert other.returncode == 2
+    assert "holds another evaluation" in other.stderr
+    assert set((tmp_path / "out" / "groups").iterdir()) == groups, "nothing finished is replaced"
 
 
 @pytest.mark.parametrize(
