@@ -140,11 +140,11 @@ def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
     """Draw the episodes left, calm and under action noise, by task and method."""
     shown = ("calm", "action noise 0.1", "standard-1")
     found = tables["left"].filter(pl.col("condition").is_in(shown) & pl.col("method").is_in(list(METHODS.values())))
-    rows = found.select("task", "method").unique(maintain_order=True)
-    labels = [f"{task.removesuffix('-v3')}: {method}" for task, method in rows.iter_rows()]
+    rows = found.select("task", "preset", "method").unique(maintain_order=True)
+    labels = [f"{task.removesuffix('-v3')} ({preset}): {method}" for task, preset, method in rows.iter_rows()]
     series = []
     for place, condition in enumerate(shown):
-        mine = rows.join(found.filter(condition=condition), ("task", "method"), "left", maintain_order="left")
+        mine = rows.join(found.filter(condition=condition), ("task", "preset", "method"), "left", maintain_order="left")
         known = np.flatnonzero(mine["left share"].is_not_null().to_numpy())
         columns = [mine[name].to_numpy()[known] for name in ("left share", "left low", "left high")]
         if known.size:
