@@ -108,8 +108,9 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
 
 def disturbed(task: str, lanes: int, steps: int, *texts: str) -> dict[str, float]:
     """Lane steps a second of our closed loop under disturbances, and when calm, in ten pairs."""
+    from perdure.disturbances import parse_disturbances
     from perdure.envs import make_world
-    from perdure.envs.disturbances import disturbed_task, parse_disturbances
+    from perdure.envs.disturbances import disturbed_task
     from perdure.evaluate import EpisodeSpec, evaluate_episodes
     from perdure.policy import load_policy
 

@@ -26,7 +26,7 @@ ALLOWED = {
     "disturbances": set(),
     "wrappers": {"horizon", "disturbances"},
     "runs": {"schema"},
-    "report": {"schema", "stats", "runs"},
+    "report": {"disturbances", "schema", "stats", "runs"},
     "envs": {"schema", "horizon", "disturbances", "wrappers"},
     "policy": {"schema", "horizon", "envs", "runs"},
     "learn": {"schema", "horizon", "envs", "policy", "runs"},

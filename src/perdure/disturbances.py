@@ -36,7 +36,8 @@ KINDS = {
     "mass": "mass and inertia of the root body, times `level`",
     "friction": "sliding friction of every geom, times `level`",
     "strength": "gear of every motor, times `level`: the same command gives so much more torque",
-    "lag": "slow actuators: what acts is `level` times what acted before + (1 - `level`) times the action",
+    "lag": "slow actuators, a first-order low-pass filter: applied action = `level` x last applied action + (1 - `level`) x "
+    "commanded action",
     "payload": "a point mass of `level` times the root body's, fixed 0.1 m in front of its center of mass",
     "slope": "gravity tilts by `level` degrees, as if the robot walked uphill along its x axis",
     "time_step": "physics steps of `level` times the length, and so many more of them to a control step",
@@ -63,6 +64,8 @@ STANDARD = "standard-1"
 """What an evaluation applies if nothing else is asked for."""
 NEED_SIMULATOR = ("push", "mass", "friction", "strength", "payload", "slope", "time_step")
 """Kinds that change MuJoCo's model or state."""
+FACTORS = ("mass", "friction", "strength", "time_step")
+"""Kinds whose level 1 changes nothing; that of the others is 0."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import polars as pl
@@ -50,8 +51,9 @@ def _units() -> Iterator[Unit]:
             config = {"policies": [file_digest(path) for path in subject.files], **settings}
             paths = [str(path.resolve()) for path in subject.files]
             size = float(len(paths) * condition.steps)
-            key = f"{condition.name.replace(' ', '-')}/{subject.task}/{subject.variant}"
-            yield Unit(key, config, f"{__name__}:evaluate", {"paths": paths, **settings}, size=size)
+            yield Unit(
+                _key(condition, subject), config, f"{__name__}:evaluate", {"paths": paths, **settings}, size=size
+            )
 
 
 def evaluate(
@@ -87,8 +89,8 @@ def collect(store: Path, out: Path) -> Path:
         PerdureError: No unit is finished, and there is no table.
     """
     finished, parts, frozen = Store(store), list[pl.DataFrame](), out / EPISODES
-    for condition, subject in _cells():
-        key = f"{condition.name.replace(' ', '-')}/{subject.task}/{subject.variant}"
+    for condition, subject in product(CONDITIONS, subjects()):
+        key = _key(condition, subject)
         if finished.done(key):
             rows = read_parquet_file(finished.get(key) / ROWS)
             named = {"task": subject.task, "method": subject.variant, "condition": condition.name}
@@ -103,8 +105,8 @@ def collect(store: Path, out: Path) -> Path:
     return write_atomic(frozen, parquet_bytes(pl.concat(parts, how="diagonal").sort(order)))
 
 
-def _cells() -> Iterator[tuple[Condition, Subject]]:
-    return ((condition, subject) for condition in CONDITIONS for subject in subjects())
+def _key(condition: Condition, subject: Subject) -> str:
+    return f"{condition.name.replace(' ', '-')}/{subject.task}/{subject.variant}"
 
 
 def analyze(scale: str, out: Path) -> list[Path]:

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report.charts import Axis, Figure, Points, point_chart, style
+from perdure.report.estimates import HOLDING_SHARE
 from perdure.stats import FloatArray, compare_unpaired, mean_interval, median_time
 from studies.disturbance.grid import CONDITIONS
 
@@ -42,6 +43,7 @@ def all_tables(episodes: pl.DataFrame) -> dict[str, pl.DataFrame]:
         preset=pl.col("method").str.split("@").list.get(1, null_on_oob=True).fill_null("zoo"),
         left=pl.col("end_reason") == "survived",
         works=pl.when(worked).then(share).otherwise(0.0),
+        holds=worked & (pl.col("outcome") == "holds"),
     )
     return {"left": left_table(episodes), "foresight": foresight_table(episodes)}
 
@@ -68,7 +70,9 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
                 "preset": preset,
                 "condition": condition,
                 "method": METHODS.get(method, method),
+                "steps": part["test_horizon"][0],
                 "runs": len(works),
+                "runs that hold": int((_by_run(part, "holds") >= HOLDING_SHARE).sum()),
                 "episodes": len(part),
                 "left": int(part["left"].sum()),
                 "left share": float(share.estimate),
@@ -84,8 +88,8 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def _by_run(part: pl.DataFrame) -> FloatArray:
-    return part.group_by("train_seed").agg(pl.col("works").mean()).sort("train_seed")["works"].to_numpy()
+def _by_run(part: pl.DataFrame, measure: str = "works") -> FloatArray:
+    return part.group_by("train_seed").agg(pl.col(measure).mean()).sort("train_seed")[measure].to_numpy()
 
 
 def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
@@ -157,8 +161,8 @@ def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
 def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """Return the tables that the page includes, as text."""
     shown = tables["left"].filter(pl.col("method").is_in([METHODS["ppo"], METHODS["geometric"]]))
-    main = shown.with_columns(cell=pl.format("{} of {}", "left", "episodes")).pivot(
-        "method", index=("task", "preset", "condition"), values="cell"
+    main = shown.with_columns(cell=pl.format("{} of {}; {} of {}", "left", "episodes", "runs that hold", "runs")).pivot(
+        "method", index=("task", "preset", "condition", "steps"), values="cell"
     )
     foresight = tables["foresight"].filter(pl.col("threshold") == 0.75)
     cells = foresight.with_columns(

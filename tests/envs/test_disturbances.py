@@ -5,9 +5,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from perdure.disturbances import KINDS, change_model
+from perdure.disturbances import KINDS, change_model, parse_disturbance, parse_disturbances
 from perdure.envs import make_world
-from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task, parse_disturbance, parse_disturbances
+from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.gymnasium import GymnasiumWorld
 from perdure.errors import PerdureError
 from perdure.wrappers import Disturb

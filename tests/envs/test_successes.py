@@ -7,8 +7,9 @@ import pytest
 from counting import Counting
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
+from perdure.disturbances import parse_disturbance
 from perdure.envs import GymnasiumWorld, VectorEnvWorld, make_world, report_success
-from perdure.envs.disturbances import DisturbedWorld, parse_disturbance
+from perdure.envs.disturbances import DisturbedWorld
 from perdure.errors import PerdureError
 
 

@@ -7,8 +7,9 @@ import pytest
 from probes import Dial, Falling
 
 import perdure
+from perdure.disturbances import STANDARDS, parse_disturbances
 from perdure.envs import make_world, task_spec
-from perdure.envs.disturbances import STANDARDS, disturbed_task, parse_disturbances
+from perdure.envs.disturbances import disturbed_task
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import Extrapolation, evaluate_files, extrapolate
 from perdure.report import read_table

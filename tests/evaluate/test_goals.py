@@ -144,7 +144,7 @@ class TestAnEpisodeThatEndsAtItsGoal:
         )
         ((estimate,),) = estimate_table(shaken).values()
         walked = estimate.group["end_step"].sum() * 0.04 / 3600
-        assert estimate.failure_rate.exposure_hours == pytest.approx(walked), "not beyond the goal"
+        assert estimate.group.failure_rate.exposure_hours == pytest.approx(walked), "not beyond the goal"
 
 
 class TestATaskThatGoesOn:

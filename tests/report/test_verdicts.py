@@ -30,7 +30,7 @@ class TestHours:
     def test_five_failures_in_twenty_hours(self, synthetic):
         """Five times 2.4 h and twice 4 h."""
         (item,) = groups(hours(synthetic, [2400] * 5 + [math.inf] * 2))
-        assert (item.failure_rate.events, item.failure_rate.exposure_hours) == (5, pytest.approx(20.0))
+        assert (item.group.failure_rate.events, item.group.failure_rate.exposure_hours) == (5, pytest.approx(20.0))
         assert item.verdict.sentence.endswith(
             "; falls 5 times in 20 h (mean time between failures 4.0 h, at least 1.9 h, one-sided 95 %)."
         )
@@ -41,7 +41,7 @@ class TestHours:
 
     def test_hours_begin_after_settling(self, synthetic):
         (item,) = groups(hours(synthetic, [500, 2000, math.inf], settling=1000))
-        assert (item.failure_rate.events, item.failure_rate.exposure_hours) == (1, pytest.approx(1.0 + 3.0))
+        assert (item.group.failure_rate.events, item.group.failure_rate.exposure_hours) == (1, pytest.approx(1.0 + 3.0))
         assert "; 1 more before they settled, within 1,000 steps" in item.verdict.sentence
 
     def test_a_failure_rate_that_is_not_constant_is_said_to_be(self, synthetic):
@@ -51,7 +51,7 @@ class TestHours:
     @pytest.mark.parametrize("change", [{"disturbance": "none"}, {"step_seconds": math.nan}])
     def test_calm_episodes_and_steps_of_unknown_length_have_none(self, synthetic, change):
         (item,) = groups(hours(synthetic, [2000] * 5, **change))
-        assert item.failure_rate is None
+        assert item.group.failure_rate is None
 
 
 class TestHeadline:

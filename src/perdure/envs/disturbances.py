@@ -8,31 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from perdure.disturbances import (
-    CALM,
-    STANDARD,
-    STANDARDS,
-    Disturbance,
-    Disturber,
-    labels,
-    parse_disturbance,
-    parse_disturbances,
-)
+from perdure.disturbances import Disturbance, Disturber
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec, World
 from perdure.errors import PerdureError
-
-__all__ = [
-    "CALM",
-    "SIMULATED",
-    "STANDARD",
-    "STANDARDS",
-    "Disturbance",
-    "DisturbedWorld",
-    "disturbed_task",
-    "labels",
-    "parse_disturbance",
-    "parse_disturbances",
-]
 
 SIMULATED = {
     f"{robot}-{version}": f"gymnasium:{robot}-v4"

@@ -18,17 +18,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.disturbances import CALM, STANDARD, STANDARDS, Disturbance, labels, parse_disturbances
 from perdure.envs import FloatArray, TaskSpec, World, make_world, report_success
-from perdure.envs.disturbances import (
-    CALM,
-    STANDARD,
-    STANDARDS,
-    Disturbance,
-    DisturbedWorld,
-    disturbed_task,
-    labels,
-    parse_disturbances,
-)
+from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
@@ -93,7 +85,7 @@ class Extrapolation:
     model says, or the step limit of the environment, 1,000 where it has none."""
     disturb: tuple[str, ...] | None = field(default=None, kw_only=True)
     """What disturbs the episodes, all together, such as "action_noise:0.1" or "push:0.5", or by name, "standard-1"; see
-    `perdure.envs.disturbances`. "push:0.2,0.4": episodes under each level. ("none",): nothing. None: both, calm
+    `perdure.disturbances`. "push:0.2,0.4": episodes under each level. ("none",): nothing. None: both, calm
     episodes and those under standard-1; `steps` and `eval_seeds` are then of the calm ones. The same start state meets
     the same draws under every policy and clock."""
     success: str | None = field(default=None, kw_only=True)

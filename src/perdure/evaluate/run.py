@@ -9,8 +9,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from perdure.disturbances import Disturbance
 from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, report_success, task_of_environment
-from perdure.envs.disturbances import Disturbance, disturbed_task
+from perdure.envs.disturbances import disturbed_task
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
 from perdure.evaluate.reference import idle_baseline, with_reference

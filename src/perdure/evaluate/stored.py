@@ -12,8 +12,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from perdure.disturbances import parse_disturbance
 from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, report_success, task_of_environment
-from perdure.envs.disturbances import disturbed_task, parse_disturbance
+from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import (

@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perdure.disturbances import parse_disturbances
 from perdure.envs import TaskSpec, make_world, task_spec
-from perdure.envs.disturbances import DisturbedWorld, disturbed_task, parse_disturbances
+from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED

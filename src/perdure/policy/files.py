@@ -122,8 +122,7 @@ LABELS = {
 }
 """Outcomes of the shipped locomotion policies after 100,000 calm steps, judged by `perdure extrapolate` from the start
 states 0 to 9 (`standard-1`: 10,000 steps, 0 to 35). Each is one training seed, chosen on other start states to show one
-of the ways to hold or to fail: they are examples, no comparison of methods. Of ten training seeds on Hopper, five of
-`ppo` hold when calm and none of these under `standard-1`; four of `geometric` hold under `standard-1`."""
+of the ways to hold or to fail: they are examples. results/disturbance compares methods."""
 
 
 def find_policy(name: str | Path) -> Path:

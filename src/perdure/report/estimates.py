@@ -16,6 +16,7 @@ from itertools import groupby, takewhile
 import numpy as np
 import polars as pl
 
+from perdure.disturbances import FACTORS
 from perdure.report import wording
 from perdure.report.goals import GOOD, MISSES, REACHES, goal_evidence, reaching
 from perdure.report.groups import EPISODE_FAILURES, NO_CLOCK, Group, failure_times, make_groups
@@ -41,8 +42,6 @@ MOTIONLESS = 0.02
 FAILURES = (*EPISODE_FAILURES, MISSES, "never worked", "cannot tell")
 """Verdicts other than `GOOD`; of two equally common ones, the earlier is taken."""
 ENDS = ("falls", "diverges")
-FACTORS = ("mass", "friction", "strength")
-"""Disturbances whose level 1 changes nothing; that of the others is 0."""
 ROUNDING = 1e-9
 """Shares that differ by less are equal."""
 CONSTANT_FROM = 0.05
@@ -72,11 +71,6 @@ class Estimate:
     final_score: Interval
     """Score against its own training at the end, ended episodes count 0; shape ()."""
     verdict: Verdict
-
-    @property
-    def failure_rate(self) -> FailureRate | None:
-        """Failures per hour, see `Group.failure_rate`."""
-        return self.group.failure_rate
 
     @property
     def final_return(self) -> float:
@@ -346,7 +340,7 @@ def _per_hour(group: Group, rate: FailureRate) -> Iterator[str]:
     yield f"{verb} in {wording.duration(rate.exposure_hours)} (mean time between failures {least})"
     if early := int((group.failed & (group["failed_step"] <= group["settling"])).sum()):
         yield f"{early} more before they settled, within {wording.whole(float(group['settling'].max()))} steps"
-    if rate.constant_p < CONSTANT_FROM:
+    if rate.constant_p < CONSTANT_FROM and not group.failed.all():  # then the curve says when
         yield f"the failure rate is not constant: {rate.early} of {rate.events} in the first half of this time"
 
 

@@ -6,7 +6,6 @@ import json
 import math
 import platform
 from collections import Counter
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from perdure.report.estimates import Estimate, Estimates
 from perdure.report.goals import GOOD
+from perdure.runs import versions
 
 
 def not_holding(estimates: Estimates) -> list[str]:
@@ -24,25 +24,25 @@ def not_holding(estimates: Estimates) -> list[str]:
 
 def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
     """Return the summary of a table and its report as JSON; docs/reference/table.md describes its names."""
-    libraries = ("perdure", "envpool", "gymnasium", "mujoco", "numpy")
     document = {
         "holds": not not_holding(estimates),
         "groups": [_group(item) for items in estimates.values() for item in items],
         "table": str(table.resolve()),
         "page": str(page.resolve()),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in libraries}},
+        "versions": {"python": platform.python_version(), **versions("envpool", "gymnasium", "mujoco", "numpy")},
     }
     return json.dumps(document, indent=2, allow_nan=False)
 
 
 def _group(item: Estimate) -> dict[str, Any]:
     group, share = item.group, item.verdict.share
-    disturbance = str(group["disturbance"][0])
+    rate = group.failure_rate
+    hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
     return {
         "task": group.task,
-        "policy": group.line.removesuffix(f" under {disturbance}"),
+        "policy": group.line.removesuffix(f" under {group.disturbance}"),
         "clock": group.clock,
-        "disturbance": disturbance,
+        "disturbance": group.disturbance,
         "episodes": group.episodes,
         "steps": group.test_horizon,
         "verdict": item.verdict.label,
@@ -50,6 +50,7 @@ def _group(item: Estimate) -> dict[str, Any]:
         "share_that_holds": _numbers(estimate=share.estimate, low=share.lower, high=share.upper),
         "mean_return": _numbers(estimate=item.returns.estimate, low=item.returns.lower, high=item.returns.upper),
         **_numbers(median_failure_step=group.half_failed_by),
+        "failures_per_hour": hourly,
     }
 
 
