@@ -29,8 +29,10 @@ ALLOWED = {
     "report": {"disturbances", "schema", "stats", "runs"},
     "envs": {"schema", "horizon", "disturbances", "wrappers"},
     "policy": {"schema", "horizon", "envs", "runs"},
-    "learn": {"schema", "horizon", "envs", "policy", "runs"},
-    "evaluate": {"schema", "horizon", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"},
+    "learn": {"schema", "horizon", "disturbances", "envs", "policy", "runs"},
+    "evaluate": {
+        *("schema", "horizon", "disturbances", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"),
+    },
     "home": {"schema", "horizon", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"},
     "cli": {
         *("schema", "horizon", "disturbances", "envs", "policy", "learn", "evaluate", "home", "report", "film", "runs"),

@@ -36,8 +36,8 @@ KINDS = {
     "mass": "mass and inertia of the root body, times `level`",
     "friction": "sliding friction of every geom, times `level`",
     "strength": "gear of every motor, times `level`: the same command gives so much more torque",
-    "lag": "slow actuators, a first-order low-pass filter: applied action = `level` x last applied action + (1 - `level`) x "
-    "commanded action",
+    "lag": "slow actuators (first-order low-pass filter): applied action = `level` x the last applied action + "
+    "(1 - `level`) x the command",
     "payload": "a point mass of `level` times the root body's, fixed 0.1 m in front of its center of mass",
     "slope": "gravity tilts by `level` degrees, as if the robot walked uphill along its x axis",
     "time_step": "physics steps of `level` times the length, and so many more of them to a control step",
