@@ -31,7 +31,8 @@ ALLOWED = {
     "policy": {"schema", "horizon", "envs", "runs"},
     "learn": {"schema", "horizon", "disturbances", "envs", "policy", "runs"},
     "evaluate": {
-        *("schema", "horizon", "disturbances", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"),
+        *("schema", "horizon", "disturbances", "wrappers", "envs", "policy", "learn"),
+        *("report", "stats", "film", "runs"),
     },
     "home": {"schema", "horizon", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"},
     "cli": {
