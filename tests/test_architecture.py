@@ -1,7 +1,7 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
 cli -> evaluate, home -> learn -> policy -> envs -> horizon, disturbances
-report, runs: nothing of ours but schema and stats, and report writes files with runs.write_atomic
+report, runs: nothing of ours but schema and stats (report: disturbances, runs.write_atomic, runs.versions)
 stats: nothing of ours
 film: writes files with runs.write_atomic; evaluate and home draw with it
 errors: nothing of ours; schema: errors; everything may use both
@@ -49,7 +49,7 @@ ROOMS = ("sim", "tasks", "skills", "agents", "evaluate")
 SCREENS = ("pictures", "film", "failures")
 """Files that show what happens in the rooms, each above those before it."""
 
-ONLY = {("report", "runs"): {"write_atomic"}, ("film", "runs"): {"refuse_replacing", "write_atomic"}}
+ONLY = {("report", "runs"): {"versions", "write_atomic"}, ("film", "runs"): {"refuse_replacing", "write_atomic"}}
 """Where an arrow carries certain names only."""
 
 TYPES_ONLY: set[tuple[str, str]] = set()
