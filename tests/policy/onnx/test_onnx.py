@@ -398,9 +398,13 @@ def counting(rounds):
 def test_a_loop_without_an_end_ends_with_an_interruption():
     assert OnnxModel(counting(3), "three.onnx")(np.ones((2, 4))).tolist() == [[7.0], [7.0]]
     endless = OnnxModel(counting(2**62), "endless.onnx")
-    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        endless(np.ones((1, 4)))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of pytest-xdist ignore it
+    try:
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            endless(np.ones((1, 4)))
+    finally:
+        signal.signal(signal.SIGINT, before)
     endless._thread.shutdown()  # waits for the loop
 
 
