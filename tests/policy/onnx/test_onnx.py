@@ -398,7 +398,7 @@ def counting(rounds):
 def test_a_loop_without_an_end_ends_with_an_interruption():
     assert OnnxModel(counting(3), "three.onnx")(np.ones((2, 4))).tolist() == [[7.0], [7.0]]
     endless = OnnxModel(counting(2**62), "endless.onnx")
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # processes of pytest-xdist ignore it
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a shell ignore it
     try:
         threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt):
