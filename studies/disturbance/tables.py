@@ -15,7 +15,8 @@ from studies.disturbance.grid import CONDITIONS
 BASELINE = "ppo"
 THRESHOLDS = (0.5, 0.65, 0.75, 0.85)
 """Least score against its own training at the end of an episode that holds; 0.75 is the verdict's."""
-PREDICTORS = ("calm", "standard-1")
+PREDICTORS = ("calm", "standard-1", "both")
+"""Whose share of episodes that hold foresees; both: the mean of the two."""
 RESAMPLES = 2000
 DRAWN = ("ppo", "geometric", "ppo-average-reward", "ppo-undiscounted")
 METHODS = {
@@ -98,8 +99,10 @@ def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
 
     A training run fails in a condition if at most half of its episodes hold there. AUC: the chance that a run that
     holds had a greater share than a run that fails; ties count half. Intervals: bootstrap over training runs.
+    AUC within a task compares runs of one task and preset only.
     """
     rows, rng = [], np.random.default_rng(0)
+    new = [each for each in CONDITIONS if each.name not in PREDICTORS]
     for threshold in THRESHOLDS:
         holds = pl.col("left") & (pl.col("policy_state") == "worked") & (pl.col("end_score_vs_training") >= threshold)
         shares = (
@@ -108,29 +111,38 @@ def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
             .pivot("condition", index=("task", "preset", "method", "train_seed"), values="share", sort_columns=True)
             .sort("task", "preset", "method", "train_seed")
         )
-        for condition in (each.name for each in CONDITIONS if each.held_out and each.name in shares.columns):
+        if {"calm", "standard-1"} <= set(shares.columns):
+            shares = shares.with_columns(both=(pl.col("calm") + pl.col("standard-1")) / 2)
+        for condition in (each for each in new if each.name in shares.columns):
             for predictor in (each for each in PREDICTORS if each in shares.columns):
-                known = shares.drop_nulls([condition, predictor])
-                score, held = known[predictor].to_numpy(), known[condition].to_numpy() > 0.5
+                known = shares.drop_nulls([condition.name, predictor])
+                score, held = known[predictor].to_numpy(), known[condition.name].to_numpy() > 0.5
                 low, high = _bootstrap(score, held, rng)
                 rows.append(
                     {
                         "threshold": threshold,
-                        "new condition": condition,
+                        "new condition": condition.name,
+                        "in standard-1": "no" if condition.held_out else "weaker",
                         "verdict": predictor,
                         "runs": len(known),
                         "runs that fail": int((~held).sum()),
                         "AUC": auc(score, held),
                         "low": low,
                         "high": high,
+                        "AUC within a task": auc(score, held, known["task", "preset"].hash_rows().to_numpy()),
                     }
                 )
     return pl.DataFrame(rows)
 
 
-def auc(score: FloatArray, held: np.ndarray) -> float:
-    """Return the area under the receiver operating characteristic: Mann and Whitney's U / (n m); nan for one class."""
+def auc(score: FloatArray, held: np.ndarray, group: np.ndarray | None = None) -> float:
+    """Return the area under the receiver operating characteristic: Mann and Whitney's U / (n m); nan for one class.
+
+    With `group`, only runs of one group are compared.
+    """
     above = score[held][:, None] - score[~held][None, :]
+    if group is not None:
+        above = above[group[held][:, None] == group[~held][None, :]]
     return float((np.sign(above) + 1.0).mean() / 2.0) if above.size else float("nan")
 
 
@@ -163,13 +175,18 @@ def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
 
 def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """Return the tables that the page includes, as text."""
-    shown = tables["left"].filter(pl.col("method").is_in([METHODS["ppo"], METHODS["geometric"]]))
+    shown = tables["left"].filter(
+        pl.col("method").is_in([METHODS["ppo"], METHODS["geometric"]])
+        & ((pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah"))
+        & (pl.col("steps") == 10_000)
+    )
     main = shown.with_columns(cell=pl.format("{} of {}; {} of {}", "left", "episodes", "runs that hold", "runs")).pivot(
         "method", index=("task", "preset", "condition", "steps"), values="cell"
     )
     foresight = tables["foresight"].filter(pl.col("threshold") == 0.75)
+    names = ("AUC", "low", "high", "AUC within a task")
     cells = foresight.with_columns(
-        cell=pl.format("{} [{}, {}]", *(pl.col(name).round(2).cast(pl.String) for name in ("AUC", "low", "high")))
-    ).pivot("verdict", index=("new condition", "runs", "runs that fail"), values="cell")
+        cell=pl.format("{} [{}, {}]; {}", *(pl.col(name).round(2).cast(pl.String) for name in names))
+    ).pivot("verdict", index=("new condition", "in standard-1", "runs", "runs that fail"), values="cell")
     texts = (frame.select(pl.all().cast(pl.String)) for frame in (main, cells))
     return dict(zip(("left", "foresight"), texts, strict=True))

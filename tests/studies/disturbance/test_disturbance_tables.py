@@ -64,14 +64,20 @@ def test_auc_of_two_runs(score: list[float], held: list[bool], expected: float) 
     assert auc(np.array(score), np.array(held)) == expected
 
 
+def test_auc_within_a_group_compares_its_own_runs_only() -> None:
+    score, held, group = np.array([0.1, 0.2, 0.8, 0.9]), np.array([False, True, False, True]), np.array([0, 0, 1, 1])
+    assert auc(score, held) == 0.75
+    assert auc(score, held, group) == 1.0
+
+
 def test_foresight_is_blind_where_every_run_holds_when_calm() -> None:
     runs = range(6)
     rows = episodes("ppo", "calm", {run: [STEPS] for run in runs})
     rows += episodes("ppo", "standard-1", {run: [STEPS if run < 3 else 400] for run in runs})
     rows += episodes("ppo", "slope of 3 degrees", {run: [STEPS if run < 3 else 900] for run in runs})
     table = all_tables(pl.DataFrame(rows))["foresight"].filter(threshold=0.75)
-    assert dict(table.select("verdict", "AUC").iter_rows()) == {"calm": 0.5, "standard-1": 1.0}
-    assert table["runs that fail"].to_list() == [3, 3]
+    assert dict(table.select("verdict", "AUC").iter_rows()) == {"calm": 0.5, "standard-1": 1.0, "both": 1.0}
+    assert table["runs that fail"].to_list() == [3, 3, 3]
 
 
 def test_every_subject_is_planned_once_under_every_condition():
