@@ -16,14 +16,24 @@ from perdure.policy import load_policy, save_policy
 from perdure.report.charts import save
 from perdure.runs import Store, Unit, Work, file_digest, write_atomic
 from perdure.runs.progress import total_share
-from studies.disturbance.grid import CONDITIONS, FIRST_START, STARTS, Condition, Subject, subjects
+from studies.disturbance.claims import claims_table, speed_while_working
+from studies.disturbance.grid import (
+    CONDITIONS,
+    FIRST_START,
+    REGISTERED,
+    STARTS,
+    Condition,
+    Subject,
+    fresh_subjects,
+    subjects,
+)
 from studies.disturbance.tables import all_tables, draw_figures, page_tables
 from studies.files import include_tables, parquet_bytes, read_parquet_file, write_csv
 
 QUESTION = "Do policies that hold when calm hold under disturbances, and does the verdict foresee new ones?"
 SCALES = {"thesis": Path("results", "disturbance")}
-PHASES = (1,)
-EPISODES, ROWS = "episodes.parquet", "rows.parquet"
+PHASES = (1, 2)
+EPISODES, FRESH, ROWS = "episodes.parquet", "registered.parquet", "rows.parquet"
 COLUMNS = (
     *("task", "train_seed", "clock", "eval_seed", "disturbance", "test_horizon", "end_reason", "end_step", "outcome"),
     *("failed_step", "end_score_vs_training", "idle_rate", "training_rate", "published_rate", "policy_state", "return"),
@@ -32,28 +42,31 @@ COLUMNS = (
 
 
 def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
-    """Return the units: every subject under every condition."""
-    return list(_units())
+    """Return the units: the committed policies under every condition (1), the runs of the registered claims (2)."""
+    return [_unit(*each) for phase in phases for each in _cells(phase)]
 
 
-def _units() -> Iterator[Unit]:
-    for condition in CONDITIONS:
-        for subject in subjects():
-            if condition.world and not condition.world.startswith(f"gymnasium:{subject.task[:-1]}"):
-                continue
-            settings = {
-                "disturb": list(condition.disturbs(subject.task)),
-                "steps": condition.steps,
-                "first": FIRST_START,
-                "starts": STARTS,
-                "world": condition.world,
-            }
-            config = {"policies": [file_digest(path) for path in subject.files], **settings}
-            paths = [str(path.resolve()) for path in subject.files]
-            size = float(len(paths) * condition.steps)
-            yield Unit(
-                _key(condition, subject), config, f"{__name__}:evaluate", {"paths": paths, **settings}, size=size
-            )
+def _cells(phase: int) -> Iterator[tuple[str, Condition, Subject]]:
+    """Yield the key of each cell of a phase's grid, and the cell."""
+    conditions, found = (CONDITIONS, subjects()) if phase == 1 else (REGISTERED, fresh_subjects())
+    for condition, subject in product(conditions, list(found)):
+        if not condition.world or condition.world.startswith(f"gymnasium:{subject.task[:-1]}"):
+            name = condition.name.replace(" ", "-")
+            yield f"{'registered/' * (phase == 2)}{name}/{subject.task}/{subject.variant}", condition, subject
+
+
+def _unit(key: str, condition: Condition, subject: Subject) -> Unit:
+    settings = {
+        "disturb": list(condition.disturbs(subject.task)),
+        "steps": condition.steps,
+        "first": FIRST_START,
+        "starts": STARTS,
+        "world": condition.world,
+    }
+    config = {"policies": [file_digest(path) for path in subject.files], **settings}
+    paths = [str(path.resolve()) for path in subject.files]
+    size = float(len(paths) * condition.steps)
+    return Unit(key, config, f"{__name__}:evaluate", {"paths": paths, **settings}, size=size)
 
 
 def evaluate(
@@ -72,7 +85,8 @@ def evaluate(
         disturb=tuple(disturb),
     )
     result = evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
-    write_atomic(work.folder / ROWS, parquet_bytes(result.final().select(COLUMNS)))
+    rows = result.final().select(COLUMNS).with_columns(speed=speed_while_working(result.frame))
+    write_atomic(work.folder / ROWS, parquet_bytes(rows))
     shutil.rmtree(store, ignore_errors=True)
 
 
@@ -82,31 +96,31 @@ def _moved(path: Path, world: str, to: Path) -> Path:
     return save_policy(replace(policy, task=replace(policy.task, name=world)), to)
 
 
-def collect(store: Path, out: Path) -> Path:
-    """Copy the rows of finished units into the frozen table; rows of others stay.
+def collect(store: Path, out: Path) -> list[Path]:
+    """Copy the rows of finished units into the frozen tables; rows of others stay.
 
     Raises:
         PerdureError: No unit is finished, and there is no table.
     """
-    finished, parts, frozen = Store(store), list[pl.DataFrame](), out / EPISODES
-    for condition, subject in product(CONDITIONS, subjects()):
-        key = _key(condition, subject)
+    written = [_collect(Store(store), phase, out / name) for phase, name in zip(PHASES, (EPISODES, FRESH), strict=True)]
+    if not any(written):
+        raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
+    return [path for path in written if path]
+
+
+def _collect(finished: Store, phase: int, frozen: Path) -> Path | None:
+    parts = list[pl.DataFrame]()
+    for key, condition, subject in _cells(phase):
         if finished.done(key):
-            rows = read_parquet_file(finished.get(key) / ROWS)
             named = {"task": subject.task, "method": subject.variant, "condition": condition.name}
+            rows = read_parquet_file(finished.get(key) / ROWS)
             parts.append(rows.with_columns(**{name: pl.lit(value) for name, value in named.items()}))
     if frozen.is_file():
         old = read_parquet_file(frozen)
-        new = pl.concat(parts).select("task", "method", "condition").unique() if parts else old.clear()
+        new = pl.concat(parts, how="diagonal").select("task", "method", "condition").unique() if parts else old.clear()
         parts.append(old.join(new, ("task", "method", "condition"), "anti"))
-    if not parts:
-        raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
     order = ("task", "method", "condition", "train_seed", "eval_seed")
-    return write_atomic(frozen, parquet_bytes(pl.concat(parts, how="diagonal").sort(order)))
-
-
-def _key(condition: Condition, subject: Subject) -> str:
-    return f"{condition.name.replace(' ', '-')}/{subject.task}/{subject.variant}"
+    return write_atomic(frozen, parquet_bytes(pl.concat(parts, how="diagonal").sort(order))) if parts else None
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -122,6 +136,8 @@ def analyze(scale: str, out: Path) -> list[Path]:
     if not (out / EPISODES).is_file():
         raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
     tables = all_tables(read_parquet_file(out / EPISODES))
+    if (out / FRESH).is_file():
+        tables["claims"] = claims_table(read_parquet_file(out / FRESH))
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
     figures = list(draw_figures(tables))
     save(figures, out / "figures", ("svg",))

@@ -1,0 +1,75 @@
+"""The registered claims: tests with known answers, and the order of the decisions."""
+
+from itertools import product
+
+import numpy as np
+import polars as pl
+import pytest
+
+from studies.disturbance.claims import CALM, NOISE, PUSHES, claims_table, permutation_p, speed_while_working
+
+TASKS, METHODS = ("A", "B", "C"), ("ppo", "geometric", "geometric-discounted", "ppo-gamma-0.999")
+
+
+def fresh_runs(life, geometric_gain=1.0):
+    """A row for each episode: `life` maps (method, condition) to the share of the steps before failure."""
+    rng = np.random.default_rng(1)
+    rows = []
+    for task, method, seed, condition in product(TASKS, METHODS, range(10, 20), (NOISE, PUSHES, CALM)):
+        share = life.get((method, condition), 0.5) + rng.normal(0.0, 0.01)
+        rows.append(
+            {
+                "task": task,
+                "method": method,
+                "train_seed": seed,
+                "condition": condition,
+                "test_horizon": 1000,
+                "failed_step": 1000 * share,
+                "idle_rate": 0.0,
+                "training_rate": geometric_gain if method == "geometric" else 1.0,
+                "published_rate": 2.0,
+                "return": 1000.0 * share,
+                "speed": 1.0,
+            }
+        )
+    return pl.DataFrame(rows)
+
+
+def decisions(frame):
+    return claims_table(frame).drop_nulls("decision")["decision"].to_list()
+
+
+def test_permutation_of_two_and_two_runs_is_the_exact_share():
+    pairs = [(np.array([3.0, 4.0]), np.array([1.0, 2.0]))]  # 1 of 6 splits is as extreme
+    assert permutation_p(pairs, np.random.default_rng(0), 20_000) == pytest.approx(1 / 6, abs=0.01)
+    assert permutation_p(pairs, np.random.default_rng(0), 20_000, two_sided=True) == pytest.approx(1 / 3, abs=0.01)
+    # within strata: (1/6)^2 of the splits of two tasks
+    assert permutation_p(2 * pairs, np.random.default_rng(0), 20_000) == pytest.approx(1 / 36, abs=0.005)
+
+
+def test_what_is_larger_in_every_run_is_supported():
+    life = {("geometric", NOISE): 0.9, ("geometric", PUSHES): 0.8}
+    assert decisions(fresh_runs(life, 1.2)) == ["supported"] * 5
+
+
+def test_the_first_claim_that_fails_ends_the_decisions():
+    life = {("geometric", NOISE): 0.9, ("geometric", PUSHES): 0.5}
+    assert decisions(fresh_runs(life)) == ["supported", "not shown", "not tested", "not tested", "not tested"]
+
+
+def test_a_run_that_stands_does_not_win():
+    life = {("geometric", NOISE): 1.0}
+    table = claims_table(fresh_runs(life, 0.24))
+    assert table.filter(claim=1, task="A")["left mean"].to_list() == [0.0]
+
+
+def test_missing_runs_are_named_and_decide_nothing():
+    frame = fresh_runs({("geometric", NOISE): 0.9}).filter((pl.col("task") != "C") | (pl.col("train_seed") < 15))
+    assert decisions(frame)[0] == "runs are missing"
+
+
+def test_speed_ends_at_the_last_record_before_the_failure():
+    key = {"policy": "p", "task": "A", "train_seed": 0, "clock": "none", "disturbance": "none", "eval_seed": 1}
+    rows = [{"step": 10, "return": 20.0}, {"step": 20, "return": 30.0}, {"step": 40, "return": 30.0}]
+    frame = pl.DataFrame([key | {"failed_step": 25, "test_horizon": 40} | row for row in rows])
+    assert speed_while_working(frame).to_list() == [1.5]
