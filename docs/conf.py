@@ -10,6 +10,7 @@ sys.path[:0] = [str(ROOT / "src"), str(ROOT / "tools")]
 import api_pages  # noqa: E402
 import cli_page  # noqa: E402
 import docstrings  # noqa: E402
+import skill_tables  # noqa: E402
 
 import perdure  # noqa: E402
 
@@ -57,6 +58,7 @@ def setup(app: Any) -> None:
     reference = ROOT / "docs" / "reference"
     api_pages.write(reference / "api")
     cli_page.write(reference / "cli.md")
+    skill_tables.write(ROOT / "docs" / "home" / "skills.md")
     app.connect("autodoc-process-docstring", docstrings.plain_attribute, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", docstrings.process, priority=600)
     app.connect("autodoc-process-signature", docstrings.signature)

@@ -13,27 +13,23 @@ from dataclasses import dataclass
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
+from gymnasium.wrappers import NormalizeObservation, RecordEpisodeStatistics
 
 from perdure.horizon import Constant, Geometric, HorizonProtocol, Uniform
-from perdure.wrappers import VectorHorizonLimit, VectorTimeToGoObservation
+from perdure.wrappers import HorizonLimit, TimeToGoObservation
 
 
-def make_envs(task: str, num_envs: int, protocol: HorizonProtocol) -> VectorTimeToGoObservation:
+def make_env(task: str, protocol: HorizonProtocol) -> TimeToGoObservation:
     """Wrap in this order: time limit, statistics, normalizer, time-to-go, which is therefore not normalized."""
-    worlds = [lambda: gymnasium.make(task, max_episode_steps=-1)] * num_envs
-    envs = SyncVectorEnv(worlds, autoreset_mode=AutoresetMode.NEXT_STEP)
-    envs = VectorHorizonLimit(envs, protocol.horizon, protocol.end)
-    envs = RecordEpisodeStatistics(envs)
-    envs = NormalizeObservation(envs)
-    return VectorTimeToGoObservation(envs, protocol.embedding)
+    env = HorizonLimit(gymnasium.make(task, max_episode_steps=-1), protocol.horizon, protocol.end)
+    return TimeToGoObservation(NormalizeObservation(RecordEpisodeStatistics(env)), protocol.embedding)
 
 
-def make_deployment(task: str, trained: VectorTimeToGoObservation, steps_to_go: float) -> VectorTimeToGoObservation:
+def make_deployment(task: str, trained: TimeToGoObservation, steps_to_go: float) -> SyncVectorEnv:
     """One environment without a time limit, with the normalizer as it was trained and a constant time-to-go."""
-    normalizer = NormalizeObservation(SyncVectorEnv([lambda: gymnasium.make(task, max_episode_steps=-1)]))
+    normalizer = NormalizeObservation(gymnasium.make(task, max_episode_steps=-1))
     normalizer.obs_rms, normalizer.update_running_mean = trained.env.obs_rms, False
-    return VectorTimeToGoObservation(normalizer, trained.embedding, clock=Constant(steps_to_go))
+    return SyncVectorEnv([lambda: TimeToGoObservation(normalizer, trained.embedding, clock=Constant(steps_to_go))])
 
 
 @dataclass
@@ -88,7 +84,9 @@ def main() -> None:
     args = parser.parse_args()
 
     protocol = HorizonProtocol(Geometric(10), Uniform(200, 1000), "terminated", gamma=1.0, normalizer_gamma=1.0)
-    envs = make_envs(args.task, args.num_envs, protocol)
+    envs = SyncVectorEnv(
+        [lambda: make_env(args.task, protocol)] * args.num_envs, autoreset_mode=AutoresetMode.NEXT_STEP
+    )
     random = np.random.default_rng(args.seed)
     size = envs.single_observation_space.shape[0]
     policy = 0.1 * random.standard_normal((size, envs.single_action_space.shape[0]))
@@ -108,7 +106,7 @@ def main() -> None:
             f"mean advantage {estimates[~rollout.is_reset].mean():.2f}"
         )
 
-    deployed = make_deployment(args.task, envs, steps_to_go=500.0)
+    deployed = make_deployment(args.task, envs.envs[0], steps_to_go=500.0)  # each normalizes for itself, as in CleanRL
     observations, _ = deployed.reset(seed=args.seed)
     total, steps, fell = 0.0, 0, False
     low, high = deployed.action_space.low, deployed.action_space.high

@@ -15,7 +15,7 @@ import cli_page
 import pytest
 
 ROOT = Path(__file__).parents[1]
-GENERATED = ("docs/reference/api", "docs/reference/cli.md", "docs/_build")
+GENERATED = ("docs/reference/api", "docs/reference/cli.md", "docs/home/skills.md", "docs/_build")
 PAGES = {
     name: path.read_text()
     for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import inspect
 import pkgutil
 import textwrap
+from functools import cache
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import docstrings
 
@@ -41,6 +41,7 @@ be imported from `perdure` itself.
 """
 
 
+@cache
 def public_modules() -> list[str]:
     """Return the names of all packages and modules directly in perdure that have `__all__`, and of `ALSO`."""
     found = ["perdure"]
@@ -50,34 +51,29 @@ def public_modules() -> list[str]:
         if each.ispkg or (each.name.count(".") == 1 and not each.name.endswith("__main__"))
     ]
     also = [f"perdure.{name}" for name in ALSO]
-    return [*(name for name in found if hasattr(importlib.import_module(name), "__all__")), *also]
+    return [*(name for name in found if hasattr(import_module(name), "__all__")), *also]
 
 
+@cache
 def public_names(module: str) -> list[str]:
     """Return `__all__` of a module, or else the classes and functions that it defines."""
-    values = vars(importlib.import_module(module))
+    values = vars(import_module(module))
     defined = [name for name, value in values.items() if getattr(value, "__module__", "") == module]
     return list(values.get("__all__", [name for name in defined if not name.startswith("_")]))
 
 
-def owners(packages: list[str]) -> dict[tuple[str, int], str]:
-    """Return the package that documents each public object, by its name and id: equal numbers share an id.
+def owner(name: str, value: object) -> str:
+    """Return the module that documents a public object, among those that offer it.
 
-    That is the deepest package that offers it, or for a class or function the one that is nearest to its definition.
+    That is the one nearest to the definition of a class or function, and the deepest for a constant.
     """
-    owner: dict[tuple[str, int], str] = {}
-    for package in packages:
-        for name in public_names(package):
-            value = getattr(importlib.import_module(package), name)
-            key = name, id(value)
-            if key not in owner or _nearness(value, package) >= _nearness(value, owner[key]):
-                owner[key] = package
-    return owner
-
-
-def _nearness(value: Any, package: str) -> tuple[bool, int]:
     home = getattr(value, "__module__", "") or ""
-    return home == package or home.startswith(f"{package}."), package.count(".")
+
+    def nearness(module: str) -> tuple[bool, int]:
+        return f"{home}.".startswith(f"{module}."), module.count(".")
+
+    modules = (each for each in public_modules() if name in public_names(each))
+    return max((each for each in modules if getattr(import_module(each), name) is value), key=nearness)
 
 
 def _place(package: str) -> tuple[int, str]:
@@ -85,17 +81,14 @@ def _place(package: str) -> tuple[int, str]:
     return (FIRST.index(part) if part in FIRST else len(FIRST)), package
 
 
-def page(package: str, owner: dict[tuple[str, int], str]) -> str:
+def page(package: str) -> str:
     """Return the page of a package in Markdown, with its directives in reStructuredText."""
-    module = importlib.import_module(package)
-    names = public_names(package)
-    own = [name for name in names if owner[name, id(getattr(module, name))] == package]
-    others = [name for name in names if name not in own]
+    module = import_module(package)
+    places = {name: owner(name, getattr(module, name)) for name in public_names(package)}
     parts = [f".. automodule:: {package}\n   :no-members:\n"]
-    if others:
-        links = [f"* :py:obj:`{name} <{owner[name, id(getattr(module, name))]}.{name}>`" for name in others]
+    if links := [f"* :py:obj:`{name} <{at}.{name}>`" for name, at in places.items() if at != package]:
         parts.append("Names documented with the package that defines them:\n\n" + "\n".join(links) + "\n")
-    parts += [_entry(module, name) for name in own]
+    parts += [_entry(module, name) for name, at in places.items() if at == package]
     return f"# {package}\n\n```{{eval-rst}}\n" + "\n".join(parts) + "```\n"
 
 
@@ -119,27 +112,21 @@ def constant_text(package: ModuleType, name: str) -> str:
     """Return the docstring below the assignment of a constant, searched in all files of the package or module."""
     file = Path(str(package.__file__))
     for path in sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]:
-        body = ast.parse(path.read_text(encoding="utf-8")).body
-        for statement, after in pairwise(body):
-            if name in _assigned(statement) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+        for statement, after in pairwise(ast.parse(path.read_text(encoding="utf-8")).body):
+            targets = getattr(statement, "targets", [getattr(statement, "target", None)])
+            found = isinstance(statement, ast.Assign | ast.AnnAssign) and name in {
+                getattr(t, "id", "") for t in targets
+            }
+            if found and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
                 return inspect.cleandoc(str(after.value.value))
     return ""
-
-
-def _assigned(statement: ast.stmt) -> list[str]:
-    if isinstance(statement, ast.Assign):
-        targets = statement.targets
-    else:
-        targets = [statement.target] if isinstance(statement, ast.AnnAssign) else []
-    return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
 def write(folder: Path) -> None:
     """Write all pages into a folder; remove pages of packages that are gone."""
     folder.mkdir(parents=True, exist_ok=True)
     packages = public_modules()
-    owner = owners(packages)
-    pages = {f"{package}.md": page(package, owner) for package in packages}
+    pages = {f"{package}.md": page(package) for package in packages}
     pages["index.md"] = INDEX.format(pages="\n".join(sorted(packages, key=_place)))
     for path in folder.glob("*.md"):
         if path.name not in pages:

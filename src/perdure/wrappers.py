@@ -1,43 +1,31 @@
 """Gymnasium wrappers for any library: random horizons, the time-to-go in the observation, disturbances, and goals.
 
-`HorizonLimit` and `TimeToGoObservation` wrap one environment. `VectorHorizonLimit` and `VectorTimeToGoObservation` do
-the same for every environment of a vector, in its own autoreset mode. `Disturb` disturbs one environment.
-`StayAtGoal` counts a success only once it has lasted.
+`HorizonLimit` and `TimeToGoObservation` wrap one environment, also each of a vector: give them to
+``gymnasium.make_vec(..., wrappers=[...])``. `Disturb` disturbs one environment. `StayAtGoal` counts a success only once
+it has lasted.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from copy import deepcopy
-from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
+from typing import Any, SupportsFloat, TypeVar
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
-from gymnasium.vector.utils import batch_space, iterate
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
 from perdure.disturbances import Disturber, parse_disturbances
 from perdure.errors import PerdureError
-from perdure.horizon import Clock, Embedding, End, HorizonDistribution, LaneClocks, check_end
+from perdure.horizon import Clock, Embedding, End, HorizonDistribution, check_end
 
 __all__ = ["Disturb", "HorizonLimit", "StayAtGoal", "TimeToGoObservation"]
-__all__ += ["VectorHorizonLimit", "VectorTimeToGoObservation"]
-
-if TYPE_CHECKING:
-    AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
-else:
-    AnyVectorWrapper = VectorWrapper  # takes type parameters from Gymnasium 1.4 on
-
 
 Obs = TypeVar("Obs")
 Act = TypeVar("Act")
-Layer = TypeVar("Layer")
-StepResult = tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 HORIZON_STREAM = 1
 """Spawn key of the horizons' random numbers: seeded like the environment, but a separate stream. From the same
 stream, long episodes would go with certain start states."""
@@ -135,7 +123,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         RecordConstructorArgs.__init__(self, embedding=embedding, clock=clock, dict=dict)
         super().__init__(env)
         self.embedding, self.clock = embedding, clock
-        self._limit = find_layer(env, HorizonLimit) if clock is None else None
+        self._limit = find_limit(env) if clock is None else None
         self._elapsed = 0
         self.observation_space = appended_space(env.observation_space, embedding.size, as_dict=dict)
 
@@ -233,210 +221,6 @@ def _is_box(space: Any) -> bool:
     return isinstance(space, spaces.Box)
 
 
-class VectorHorizonLimit(AnyVectorWrapper):
-    """:class:`HorizonLimit` for every lane of a vector environment, in its own autoreset mode.
-
-    Put it directly above the vector environment: it resets single lanes through ``options={"reset_mask": ...}``, which
-    Gymnasium's Sync- and AsyncVectorEnv and EnvPool (1.2.2 and later) understand. One that ignores the mask is found
-    out at the first reset and refused.
-
-    * ``NEXT_STEP``: the step after step T resets the lane (reward 0, action ignored), as Gymnasium does after a fall.
-      The world below has been stepped once more by then; nothing of that step is shown.
-    * ``SAME_STEP``: step T resets the lane; ``infos`` holds ``final_obs`` and ``final_info``.
-    * ``DISABLED``: the user resets with ``reset_mask``; stepping an ended lane raises PerdureError.
-
-    Lane i draws its horizons as a HorizonLimit that was reset with its seed would.
-    """
-
-    horizons: NDArray[np.float64]
-    """T of the running episodes, in steps, shape (n,)."""
-    last_horizons: NDArray[np.float64]
-    """T of the episodes that the last step belonged to, shape (n,): before the resets of SAME_STEP."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], distribution: HorizonDistribution, end: End) -> None:
-        """Wrap a vector environment without a shorter step limit.
-
-        Args:
-            env: The vector environment.
-            distribution: Distribution of T.
-            end: What reaching T means.
-
-        Raises:
-            PerdureError: If distribution or end are invalid, the environment's own limit is shorter than the longest T,
-                or it does not say its autoreset mode.
-        """
-        super().__init__(env)
-        check_limit(env, distribution, end)
-        self.distribution, self.end = distribution, end
-        self.horizons = np.zeros(self.num_envs)
-        self.last_horizons = np.zeros(self.num_envs)
-        self._counter = StepCounter(self.num_envs, autoreset_mode(env))
-        self._cut = np.zeros(self.num_envs, np.bool_)  # ended by us alone: the world below runs on
-        self._generators = [horizon_generator(None) for _ in range(self.num_envs)]
-
-    @property
-    def elapsed(self) -> NDArray[np.int64]:
-        """Steps since reset, shape (n,)."""
-        return self._counter.elapsed
-
-    def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Start episodes with new horizons, in all lanes or those of ``options["reset_mask"]``.
-
-        Args:
-            seed: Restarts the horizons' random numbers and those of the environments: lane i gets seed + i, or seed[i].
-            options: Handed on.
-        """
-        # A copy, because Gymnasium removes the mask from the dictionary it is given.
-        observations, infos = self.env.reset(seed=seed, options=None if options is None else dict(options))  # type: ignore[arg-type]
-        lanes = reset_lanes(self.num_envs, options)
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
-        for lane in np.flatnonzero(lanes).tolist():
-            if seeds is not None and seeds[lane] is not None:
-                self._generators[lane] = horizon_generator(seeds[lane])
-        self._counter.reset(lanes)
-        self._draw(lanes)
-        return observations, infos
-
-    def step(self, actions: Any) -> StepResult:
-        """Make one step of all lanes; on step T of a lane one of its two flags is set.
-
-        Raises:
-            PerdureError: If a lane has never been reset, or has ended and must be reset by the user (DISABLED).
-        """
-        if not self.horizons.all():
-            raise PerdureError("reset the vector environment before the first step: its horizons are drawn there")
-        restarted = self._counter.advance()
-        result = self._restart(restarted & self._cut, self.env.step(actions))
-        self._draw(restarted)
-        return self._finish(*self._limit(*result))
-
-    def _restart(self, lanes: NDArray[np.bool_], result: StepResult) -> StepResult:
-        """Reset ended lanes in NEXT_STEP mode, because the wrapped environment has stepped them."""
-        if not lanes.any():
-            return result
-        observations, rewards, terminated, truncated, infos = result
-        observations, infos = self._reset_below(lanes, observations, infos)
-        return observations, np.where(lanes, 0, rewards), terminated & ~lanes, truncated & ~lanes, infos
-
-    def _limit(self, observations: Any, rewards: Any, terminated: Any, truncated: Any, infos: Any) -> StepResult:
-        """Set the flags of the lanes on their last step."""
-        on_limit = self._counter.elapsed >= self.horizons
-        self._cut = on_limit & ~(terminated | truncated)
-        terminated = terminated | (on_limit & (self.end == "terminated"))
-        truncated = np.where(on_limit, ~terminated, truncated)
-        return observations, rewards, terminated, truncated, infos
-
-    def _finish(self, observations: Any, rewards: Any, terminated: Any, truncated: Any, infos: Any) -> StepResult:
-        """Reset ended lanes in SAME_STEP mode, and keep their final observations."""
-        self.last_horizons = self.horizons.copy()
-        restarted = self._counter.end(terminated | truncated)
-        lanes = restarted & self._cut
-        if lanes.any():
-            for lane in np.flatnonzero(lanes).tolist():
-                last = deepcopy(list(iterate(self.env.observation_space, observations))[lane])
-                final = {"final_obs": last, "final_info": lane_info(infos, lane)}
-                forget_lane(infos, lane)
-                infos = self._add_info(infos, final, lane)
-            observations, infos = self._reset_below(lanes, observations, infos)
-        self._draw(restarted)
-        return observations, rewards, terminated, truncated, infos
-
-    def _reset_below(self, lanes: NDArray[np.bool_], observations: Any, infos: Any) -> tuple[Any, dict[str, Any]]:
-        fresh, fresh_infos = self.env.reset(options={"reset_mask": lanes.copy()})
-        replace_unmasked(infos, fresh_infos, lanes)
-        for lane in np.flatnonzero(lanes).tolist():
-            if self._counter.mode is AutoresetMode.NEXT_STEP:
-                forget_lane(infos, lane)
-            infos = self._add_info(infos, lane_info(fresh_infos, lane), lane)
-        return replace_lanes(observations, fresh, lanes), infos
-
-    def _draw(self, lanes: NDArray[np.bool_]) -> None:
-        for lane in np.flatnonzero(lanes).tolist():
-            self.horizons[lane] = draw_horizon(self.distribution, self._generators[lane])
-
-
-class VectorTimeToGoObservation(AnyVectorWrapper):
-    """:class:`TimeToGoObservation` for every lane of a vector environment, in its own autoreset mode.
-
-    In ``SAME_STEP`` mode phi is appended to ``infos["final_obs"]`` too.
-    """
-
-    def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        embedding: Embedding,
-        clock: Clock | LaneClocks | None = None,
-        dict: bool = False,
-    ) -> None:
-        """Wrap a vector environment.
-
-        Args:
-            env: With a :class:`VectorHorizonLimit` somewhere beneath, unless a clock is given.
-            embedding: phi.
-            clock: Sets the time-to-go at deployment, one clock for all lanes or one for each; None: the time-to-go of
-                the training horizons.
-            dict: Observations are {"observation", "time_to_go"} instead of one flat vector.
-
-        Raises:
-            PerdureError: If there is neither a clock nor a VectorHorizonLimit, there are more or fewer clocks than
-                lanes, phi cannot be appended to the observations, or the environment does not say its autoreset mode.
-        """
-        super().__init__(env)
-        if isinstance(clock, LaneClocks) and len(clock.clocks) != self.num_envs:
-            raise PerdureError(f"{self.num_envs} lanes need as many clocks, got {len(clock.clocks)}")
-        self.embedding, self.clock = embedding, clock
-        self._limit = find_layer(env, VectorHorizonLimit) if clock is None else None
-        self._counter = StepCounter(self.num_envs, autoreset_mode(env))
-        self.single_observation_space = appended_space(env.single_observation_space, embedding.size, as_dict=dict)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-
-    def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Start episodes at t = 0, in all lanes or those of ``options["reset_mask"]``."""
-        lanes = reset_lanes(self.num_envs, options)
-        # A copy, because Gymnasium removes the mask from the dictionary it is given.
-        below = None if options is None else {**options}
-        observations, infos = self.env.reset(seed=seed, options=below)  # type: ignore[arg-type]
-        self._counter.reset(lanes)
-        return append(self.observation_space, observations, self._phi()), infos
-
-    def step(self, actions: Any) -> StepResult:
-        """Make one step of all lanes.
-
-        Raises:
-            PerdureError: If a lane has ended and must be reset by the user (DISABLED).
-        """
-        self._counter.advance()
-        observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        if "final_obs" in infos:
-            infos = {**infos, "final_obs": self._append_final(infos["final_obs"])}
-        self._counter.end(terminated | truncated)
-        return append(self.observation_space, observations, self._phi()), rewards, terminated, truncated, infos
-
-    def _phi(self, ended: bool = False) -> NDArray[np.float64]:
-        elapsed = self._counter.elapsed.astype(np.float64)
-        if self.clock is not None:
-            time = self.clock.time(elapsed)
-        else:
-            assert self._limit is not None
-            time = elapsed, self._limit.last_horizons if ended else self._limit.horizons
-        return np.asarray(self.embedding(*time))
-
-    def _append_final(self, final: Any) -> Any:
-        phi = self._phi(ended=True)
-        if final.dtype != object:
-            return append(self.observation_space, final, phi)
-        space = self.single_observation_space
-        appended = np.full(final.shape, None, dtype=object)
-        for lane, observation in enumerate(final):
-            if observation is not None:
-                appended[lane] = append(space, observation, phi[lane])
-        return appended
-
-
 class StayAtGoal(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
     """Report ``is_success`` only after so many consecutive successful steps.
 
@@ -488,26 +272,12 @@ def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
         raise PerdureError(
             f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
             f"({distribution.longest:g}): "
-            "make it without that limit (gymnasium.make with max_episode_steps=-1, envpool.make with a larger one)"
+            "make it without that limit (gymnasium.make with max_episode_steps=-1)"
         )
 
 
 def own_limit(env: Any) -> float:
-    """Return the environment's own step limit if it can be read; else infinity.
-
-    Seen are Gymnasium's TimeLimit (also inside a SyncVectorEnv), the limit in the spec of another vector environment,
-    and EnvPool's max_episode_steps.
-    """
-    if isinstance(env, gymnasium.vector.VectorEnv):
-        inner: Any = env.unwrapped
-        if isinstance(inner, gymnasium.vector.SyncVectorEnv):
-            return min(own_limit(part) for part in inner.envs)
-        pool = getattr(inner, "config", {})
-        pooled = pool.get("max_episode_steps") if isinstance(pool, dict) else None
-        remote = isinstance(inner, gymnasium.vector.AsyncVectorEnv)
-        spec = inner.get_attr("spec")[0] if remote else getattr(inner, "spec", None)
-        known = (pooled, getattr(spec, "max_episode_steps", None), math.inf)
-        return min(float(limit) for limit in known if limit is not None and limit > 0)
+    """Return the environment's own step limit, that of Gymnasium's TimeLimit; infinity where there is none."""
     limits = [math.inf]
     while isinstance(env, gymnasium.Wrapper):
         if isinstance(env, TimeLimit):
@@ -516,18 +286,14 @@ def own_limit(env: Any) -> float:
     return min(limits)
 
 
-def find_layer(env: Any, kind: type[Layer]) -> Layer:
-    """Return the wrapper of a kind, `HorizonLimit` or `VectorHorizonLimit`, in a stack of wrappers.
-
-    Raises:
-        PerdureError: If there is none.
-    """
+def find_limit(env: Any) -> HorizonLimit[Any, Any]:
+    """Return the `HorizonLimit` in a stack of wrappers; raise PerdureError if there is none."""
     layer = env
-    while isinstance(layer, gymnasium.Wrapper | VectorWrapper):
-        if isinstance(layer, kind):
+    while isinstance(layer, gymnasium.Wrapper):
+        if isinstance(layer, HorizonLimit):
             return layer
         layer = layer.env
-    raise PerdureError(f"the time-to-go needs a {kind.__name__} below it, or a clock; {env} has neither")
+    raise PerdureError(f"the time-to-go needs a HorizonLimit below it, or a clock; {env} has neither")
 
 
 def horizon_generator(seed: int | None) -> np.random.Generator:
@@ -571,111 +337,19 @@ def append(space: spaces.Space[Any], observation: Any, phi: NDArray[np.float64])
 
     Args:
         space: From :func:`appended_space`.
-        observation: One observation, or a batch of them.
-        phi: Shape (size,), or (n, size) for a batch.
+        observation: One observation.
+        phi: Shape (size,).
     """
     if isinstance(space, spaces.Dict):
         return {OBSERVATION: observation, TIME_TO_GO: phi.astype(space[TIME_TO_GO].dtype)}
     return np.concatenate([observation, phi], axis=-1, dtype=space.dtype)
 
 
-# Vector environments: autoresets, and infos with the entry ``key`` of all lanes and the mask ``_key`` of who has one
-
-
-def autoreset_mode(env: VectorEnv[Any, Any, Any]) -> AutoresetMode:
-    """Return how the vector environment resets its lanes; raise PerdureError if it does not say."""
-    mode = env.metadata.get("autoreset_mode")
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        raise PerdureError(
-            f"{env} does not say how it resets its environments: metadata['autoreset_mode'] must be one of "
-            f"{', '.join(str(known) for known in AutoresetMode)}, got {mode!r}"
-        ) from None
-
-
-def reset_lanes(num_lanes: int, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-    """Return the mask of the lanes that a call of ``reset(options=options)`` resets, shape (n,)."""
-    mask = (options or {}).get("reset_mask")
-    return np.ones(num_lanes, np.bool_) if mask is None else np.array(mask, np.bool_)
-
-
-class StepCounter:
-    """Counts the steps since reset of n lanes, and reports which lanes have just started an episode.
-
-    ``NEXT_STEP``: the step after an episode's end is the reset. ``SAME_STEP``: the step that ends an episode is also
-    the reset. ``DISABLED``: the user resets.
-    """
-
-    def __init__(self, num_lanes: int, mode: AutoresetMode) -> None:
-        """Begin with all lanes at 0 steps."""
-        self.mode = mode
-        self.elapsed = np.zeros(num_lanes, np.int64)
-        """Steps since reset that belong to the returned observations, shape (n,)."""
-        self.ended = np.zeros(num_lanes, np.bool_)
-        """Lanes whose episode has ended and which have not been reset yet, shape (n,)."""
-
-    def reset(self, lanes: NDArray[np.bool_]) -> None:
-        """Set the lanes of a mask to 0 steps."""
-        self.elapsed[lanes] = 0
-        self.ended[lanes] = False
-
-    def advance(self) -> NDArray[np.bool_]:
-        """Count a step; return the mask of the lanes that it has reset instead (NEXT_STEP only).
-
-        Raises:
-            PerdureError: If a lane has ended and nothing resets it (DISABLED).
-        """
-        if self.mode is AutoresetMode.DISABLED and self.ended.any():
-            raise PerdureError(
-                f"lanes {np.flatnonzero(self.ended).tolist()} have ended: reset them before the next step with "
-                "reset(options={'reset_mask': mask})"
-            )
-        restarted = self.ended.copy()
-        self.elapsed += 1
-        self.reset(restarted)
-        return restarted
-
-    def end(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Record the episodes that ended on this step; return the mask of lanes reset on it (SAME_STEP only)."""
-        if self.mode is AutoresetMode.SAME_STEP:
-            self.reset(done)
-            return done
-        self.ended = done.copy()
-        return np.zeros_like(done)
-
-
-def replace_lanes(observations: Any, fresh: Any, lanes: NDArray[np.bool_]) -> Any:
-    """Return observations with those of ``lanes`` replaced.
-
-    Args:
-        observations: Of a step, all lanes: an array, or dictionaries and tuples of arrays.
-        fresh: Of a reset with ``reset_mask=lanes``: all lanes (Gymnasium) or only those (EnvPool).
-        lanes: Mask of shape (n,).
-
-    Raises:
-        PerdureError: If other lanes changed: the environment ignores ``reset_mask`` and has reset them too.
-    """
-    if isinstance(observations, dict):
-        return {key: replace_lanes(value, fresh[key], lanes) for key, value in observations.items()}
-    if isinstance(observations, tuple):
-        return tuple(replace_lanes(old, new, lanes) for old, new in zip(observations, fresh, strict=True))
-    if not isinstance(observations, np.ndarray):
-        return fresh
-    if len(fresh) != len(lanes):
-        rows = observations.copy()
-        rows[lanes] = fresh
-        return rows
-    if not np.array_equal(observations[~lanes], fresh[~lanes], equal_nan=observations.dtype.kind == "f"):
-        raise PerdureError(
-            "this vector environment ignores options={'reset_mask': ...}, so single lanes cannot be ended from "
-            "outside: put HorizonLimit around each environment, inside a SyncVectorEnv"
-        )
-    return fresh
+# Infos
 
 
 def lane_info(infos: dict[str, Any], lane: int) -> dict[str, Any]:
-    """Return the info dictionary of one lane of these, which are of all lanes."""
+    """Return the info of one lane of a vector's: they have entries of all lanes, and `_name` says who has one."""
     keys = [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][lane]]
     return {key: _entry(infos[key], lane) for key in keys}
 
@@ -685,34 +359,6 @@ def _entry(values: Any, lane: int) -> Any:
         return lane_info(values, lane)
     # Gymnasium makes an object array of NumPy's own bool, but not of Python's.
     return bool(values[lane]) if values.dtype == bool else values[lane]
-
-
-def forget_lane(infos: dict[str, Any], lane: int) -> None:
-    """Remove one lane's entries, in place; delete an entry that no lane has any more."""
-    for key in [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][lane]]:
-        infos[f"_{key}"][lane] = False
-        if not infos[f"_{key}"].any():
-            del infos[key], infos[f"_{key}"]
-        elif isinstance(infos[key], dict):
-            forget_lane(infos[key], lane)
-        else:
-            infos[key][lane] = None if infos[key].dtype == object else 0
-
-
-def replace_unmasked(infos: dict[str, Any], fresh: dict[str, Any], lanes: NDArray[np.bool_]) -> None:
-    """Merge, in place, infos without masks, as EnvPool returns them: one row for each lane that was reset.
-
-    Args:
-        infos: Of a step, all lanes.
-        fresh: Of a reset of ``lanes`` only.
-        lanes: Mask of shape (n,).
-    """
-    for key, value in infos.items():
-        rows = fresh.get(key)
-        bare = isinstance(value, np.ndarray) and f"_{key}" not in infos and len(value) == len(lanes)
-        if bare and isinstance(rows, np.ndarray) and rows.shape == (lanes.sum(), *value.shape[1:]):
-            infos[key] = value.copy()
-            infos[key][lanes] = rows
 
 
 def read_success(where: str, info: Any, key: str | None) -> float:

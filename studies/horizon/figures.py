@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from statistics import fmean
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,16 +16,11 @@ from perdure.report.charts import (
     Axis,
     Curve,
     Figure,
-    Level,
     Marker,
     Points,
-    Spec,
     Style,
     curve_chart,
-    layer,
-    named,
     point_chart,
-    row_size,
     slug,
 )
 from perdure.report.groups import failure_times
@@ -43,18 +37,16 @@ from perdure.stats import (
     t_interval,
 )
 from studies.horizon.claims import MEASURES, Condition
-from studies.horizon.results import VERDICTS, Results
+from studies.horizon.results import Results
 from studies.horizon.tables import (
     CHOSEN,
     METHODS,
     PPO,
     SCORED,
-    choice_table,
     condition_words,
     main_settings,
     mean_score,
     method_words,
-    rule_words,
     scores,
     setting_words,
 )
@@ -67,23 +59,7 @@ UNDISCOUNTED, AVERAGE = Condition("ppo-undiscounted"), Condition("ppo-average-re
 LINEAR, BEST = Condition("linear", "constant:500"), Condition("geometric", "best")
 COUNTDOWN = Condition("geometric", "countdown")
 FIGURE_3_2 = (PPO, UNDISCOUNTED, BEST, CHOSEN)
-CONTROLS = (
-    CHOSEN,
-    Condition("geometric-fixed", "chosen"),
-    Condition("random-horizon"),
-    Condition("linear-random", "constant:500"),
-    AVERAGE,
-    PPO,
-)
-CLOCK_RULES = tuple(Condition("geometric", rule) for rule in ("best", "chosen", "value", "bandit"))
-VERDICT_CONDITIONS = (
-    *(PPO, UNDISCOUNTED, AVERAGE, Condition("random-horizon"), LINEAR, Condition("linear-random", "constant:500")),
-    *(Condition("geometric", "constant:500"), CHOSEN, COUNTDOWN, Condition("geometric-fixed", "chosen")),
-)
-COLORS = {"holds": 2, "decays": 4, "fails silently": 3, "falls": 1, "diverges": 6, "never worked": 7, "cannot tell": 5}
-"""Verdict to its place among the colors of `charts.style`."""
 MECHANISM_METHODS = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
-SWEEPS = {"constant": "always C steps to go", "periodic": "countdown from C, repeated"}
 FEWEST_RUNS = 5
 """Runs of a task that get an interval of the score: that of three would be wider than the figure."""
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
@@ -95,17 +71,13 @@ def all_figures(results: Results) -> Iterator[Figure]:
     yield from _score_figure(results)
     for setting in settings:
         yield from _training_horizon_figure(results, setting)
-    yield from _return_figures(results)
+    yield from _return_figure(results)
     constant = partial(_clock_figure, kind="constant", name="figure-a-2")
     periodic = partial(_clock_figure, kind="periodic", name="figure-a-3")
-    for draw in (_learning_figure, _sweep_figure, constant, periodic, _survival_figure, _verdict_figure):
+    for draw in (_learning_figure, constant, periodic, _survival_figure):
         for setting in settings:
             yield from draw(results, setting)
-    yield from _bias_figure(results)
-    for setting in settings:
-        yield from _mechanism_figures(results, setting)
-    for measure in ("value error", "value variance"):
-        yield from _critic_figure(results, measure)
+    yield from _critic_figure(results)
 
 
 def _start_states(results: Results, keys: Collection[tuple[str, Condition]]) -> str:
@@ -297,42 +269,6 @@ def _learning_figure(results: Results, setting: str) -> Iterator[Figure]:
     yield Figure(slug("figure-a-1", setting), "Training returns", chart, note, setting_words(setting))
 
 
-def _sweep_figure(results: Results, setting: str) -> Iterator[Figure]:
-    """Draw the return by C, constant and periodic, beside clocks and methods without a C."""
-
-    def interval(condition: Condition) -> Interval | None:
-        values = results.values(setting, condition)
-        return _run_interval(values) if values else None
-
-    curves, shown = [], list[Interval]()
-    for place, (kind, label) in enumerate(SWEEPS.items()):
-        clocks = results.swept(setting, "geometric", kind)
-        sweep = [found for clock in clocks.values() if (found := interval(Condition("geometric", clock)))]
-        shown += sweep
-        if len(sweep) > 1:
-            mean, lower, upper = (np.array(each) for each in zip(*map(_bounds, sweep), strict=True))
-            look = style(Condition("geometric"), place)
-            curves.append(Curve(label, np.array(list(clocks)), mean, look, lower, upper, marked=True, intervals="bars"))
-    if not curves:
-        return
-    others = {each: found for each in (PPO, UNDISCOUNTED, COUNTDOWN) if (found := interval(each))}
-    levels = [
-        Level(
-            rule_words("countdown") if each == COUNTDOWN else method_words(each.method),
-            float(found.estimate),
-            math.nan,
-            math.nan,
-            style(each, len(SWEEPS) if each == COUNTDOWN else 0),
-        )
-        for each, found in others.items()
-    ]
-    note = f"{_interval_note(shown, 'Bars')} Level lines: means. An ended episode earns nothing more. "
-    note += _start_states(results, [(setting, each) for each in (CHOSEN, *others)])
-    chart = curve_chart(curves, Axis("C: steps to go given to the policy"), Axis("mean return"), levels=levels)
-    title = f"Return of {wording.whole(float(results.grid.steps))} steps by C, geometric time-to-go"
-    yield Figure(slug("return-by-c", setting), title, chart, note, setting_words(setting))
-
-
 # Points by setting.
 
 
@@ -381,83 +317,40 @@ def _score_figure(results: Results) -> Iterator[Figure]:
     yield Figure("score", f"Score against a published policy over {results.grid.steps:,} steps", chart, note, wide=True)
 
 
-def _return_figures(results: Results) -> Iterator[Figure]:
-    """Draw figure 3-2, the controls, the rules that choose C: return of the test horizon by setting."""
-    title = f"Return of {wording.whole(float(results.grid.steps))} steps"
-    yield from _return_figure(results, "figure-3-2", title, FIGURE_3_2)
-    about, label = "C is cross-validated.", lambda each: method_words(each.method)
-    yield from _return_figure(results, "controls", f"{title}: the method and its controls", CONTROLS, label, about)
-    about, label = "Geometric time-to-go.", lambda each: rule_words(each.clock)
-    yield from _return_figure(
-        results, "rules", f"{title} by how C was chosen", CLOCK_RULES, label, about, by_place=True
-    )
-
-
-def _return_figure(
-    results: Results,
-    name: str,
-    title: str,
-    conditions: Sequence[Condition],
-    label: Callable[[Condition], str] = condition_words,
-    about: str = "",
-    by_place: bool = False,
-) -> Iterator[Figure]:
-    names: Sequence[str] = results.grid.settings
-    values = {(each, c): found for each in names for c in conditions if (found := results.values(each, c))}
-    names = [each for each in names if any(each == setting for setting, _ in values)]
-    if not names:
-        return
-    published = {each: rate for each in names if math.isfinite(rate := results.published_rate(each))}
-    without = [setting_words(each) for each in names if each not in published] if published else []
-    names = list(published) or names
-    scale = {each: published[each] * results.grid.steps if published else 1.0 for each in names}
+def _return_figure(results: Results) -> Iterator[Figure]:
+    """Draw figure 3-2: return of the test horizon by setting, as far as there is a published policy."""
+    rates = {each: rate for each in results.grid.settings if math.isfinite(rate := results.published_rate(each))}
     scaled = {
-        key: {seed: value / scale[key[0]] for seed, value in found.items()}
-        for key, found in values.items()
-        if key[0] in scale
+        (each, condition): {seed: value / (rate * results.grid.steps) for seed, value in found.items()}
+        for each, rate in rates.items()
+        for condition in FIGURE_3_2
+        if (found := results.values(each, condition))
     }
+    names = [each for each in rates if any(each == setting for setting, _ in scaled)]
     intervals = {key: _run_interval(found) for key, found in scaled.items()}
     points = []
-    for place, each in enumerate(conditions):
+    for each in FIGURE_3_2:
         rows = {row: (setting, each) for row, setting in enumerate(names) if (setting, each) in scaled}
         if rows:
-            look = charts.style(place) if by_place else style(each)
             means = {row: _bounds(intervals[key]) for row, key in rows.items()}
-            points.append(
-                _points(label(each), look, means, {row: list(scaled[key].values()) for row, key in rows.items()})
-            )
-    note = f"{about} " if about else ""
-    note += f"Hollow: training runs. {_interval_note(list(intervals.values()), 'Bars')}"
-    note += f" {_start_states(results, list(scaled))}"
-    note += " 1: the reward rate of a published policy in episodes of 1,000 steps, kept up." if published else ""
-    note += f" Not shown, for want of a published policy: {', '.join(without)}." if without else ""
-    axis = Axis("share of a published policy's reward" if published else "return")
-    yield Figure(name, title, point_chart([*map(setting_words, names)], points, axis, charts.WIDE), note, wide=True)
+            rings = {row: list(scaled[key].values()) for row, key in rows.items()}
+            points.append(_points(condition_words(each), style(each), means, rings))
+    if points:
+        note = (
+            f"Hollow: training runs. {_interval_note(list(intervals.values()), 'Bars')} "
+            f"{_start_states(results, list(scaled))} "
+            "1: the reward rate of a published policy in episodes of 1,000 steps, kept up."
+        )
+        chart = point_chart(
+            [*map(setting_words, names)], points, Axis("share of a published policy's reward"), charts.WIDE
+        )
+        title = f"Return of {wording.whole(float(results.grid.steps))} steps"
+        yield Figure("figure-3-2", title, chart, note, wide=True)
 
 
-def _bias_figure(results: Results) -> Iterator[Figure]:
-    """Draw the optimistic bias of showing the best C of a sweep."""
-    choices = choice_table(results)
-    if choices.is_empty():
-        return
-    bias = choices.filter((pl.col("kind") == "constant") & (pl.col("method") == "geometric"))
-    if bias.is_empty():
-        return
-    scale = bias["cross-validated"].abs().to_numpy()
-    columns = [bias[name].to_numpy() / np.where(scale > 0.0, scale, 1.0) for name in ("bias", "lower", "upper")]
-    points = [Points("bias", range(len(bias)), columns[0], charts.style(0), columns[1], columns[2])]
-    axis = Axis("best C minus cross-validated C, as a share of the latter's return")
-    note = (
-        "Best C: the highest mean return on the start states that are reported. Cross-validated C: chosen by the other "
-        "training runs on other start states. Bars: 95 % intervals (paired t) over training runs, n = "
-        f"{int(bias['runs'].min() or 0)} to {int(bias['runs'].max() or 0)}."  # type: ignore[arg-type]
-    )
-    chart = point_chart([setting_words(setting) for setting in bias["setting"]], points, axis)
-    yield Figure("choice-bias", "What choosing C on the reported episodes adds", chart, note)
-
-
-def _critic_figure(results: Results, measure: str) -> Iterator[Figure]:
-    """Draw error or unexplained variance of the critic, by setting."""
+def _critic_figure(results: Results) -> Iterator[Figure]:
+    """Draw the unexplained variance of the critic, by setting."""
+    measure = "value variance"
     found = {
         (setting, method): _run_interval(values)
         for setting in results.grid.settings
@@ -473,80 +366,3 @@ def _critic_figure(results: Results, measure: str) -> Iterator[Figure]:
         note = f"{MEASURES[measure].capitalize()}. {_interval_note(list(found.values()), 'Bars')}"
         chart = point_chart([*map(setting_words, names)], points, Axis(measure), charts.WIDE)
         yield Figure(slug(measure), f"The critic: {measure}", chart, note, wide=True)
-
-
-def _mechanism_figures(results: Results, setting: str) -> Iterator[Figure]:
-    """Draw reward against steps to go, and the dependence of the action on C."""
-    axes = Axis("steps to go of the training horizon"), Axis("mean reward per step")
-    yield from _mechanism_figure(results, setting, "reward", axes, "reward-to-go", "Reward by steps to go")
-    axes = (
-        Axis("C: steps to go given to the policy"),
-        Axis("change of the action, as a share of the action box", low=0.0),
-    )
-    title = "Change of the action with C instead of 500 steps to go"
-    yield from _mechanism_figure(results, setting, "change", axes, "action-dependence", title)
-
-
-def _mechanism_figure(
-    results: Results, setting: str, measure: str, axes: tuple[Axis, Axis], name: str, title: str
-) -> Iterator[Figure]:
-    curves, intervals = list[Curve](), list[Interval]()
-    mine = results.mechanism.filter((pl.col("setting") == setting) & (pl.col("measure") == measure))
-    for method in MECHANISM_METHODS:
-        part = mine.filter(pl.col("method") == method)
-        if part.is_empty():
-            continue
-        wide = part.pivot(on="train_seed", index="at", values="result").drop_nulls().sort("at")
-        units = Units(np.ascontiguousarray(wide.drop("at").to_numpy().T), TRAINING_SEEDS)
-        interval = estimate_interval(units, np.random.default_rng(SEED))
-        if axes[1].low is not None:
-            interval = replace(interval, lower=np.maximum(interval.lower, axes[1].low))
-        x = wide["at"].to_numpy().astype(np.float64)
-        curves.append(_curve(method_words(method), x, interval, style(Condition(method))))
-        intervals.append(interval)
-    if curves:
-        note = "Short rollouts of the mean action, as far as every training run came. "
-        note += _interval_note(intervals, "Bands")
-        yield Figure(slug(name, setting), title, curve_chart(curves, *axes), note, setting_words(setting))
-
-
-def _verdict_figure(results: Results, setting: str) -> Iterator[Figure]:
-    """Draw what became of the episodes of each method, as stacked bars."""
-    rows: list[dict[str, Any]] = []
-    counts = set[int]()
-    for condition in VERDICT_CONDITIONS:
-        episodes = results.deployed(setting, condition)
-        if episodes.is_empty():
-            continue
-        counts.add(len(episodes))
-        for order, verdict in enumerate(VERDICTS):
-            by_run = episodes.group_by("train_seed").agg((pl.col("verdict") == verdict).mean())
-            share = float(by_run.sort("train_seed")["verdict"].mean() or 0.0)  # type: ignore[arg-type]
-            name = condition_words(condition)
-            rows.append({"method": name, "verdict": verdict, "share": float(f"{share:.6g}"), "order": order})
-    if rows:
-        note = f"Share of the test episodes of each method; {wording.sample(sorted(counts), 'episode')}. "
-        note += "Training runs count alike."
-        chart = _stacked(rows)
-        yield Figure(slug("verdicts", setting), "What became of the episodes", chart, note, setting_words(setting))
-
-
-def _stacked(rows: Sequence[Mapping[str, Any]]) -> Spec:
-    names = list(dict.fromkeys(row["method"] for row in rows))
-    drawn = [dict(row) for row in rows if row["share"] > 0]
-    shown = [verdict for verdict in VERDICTS if any(row["verdict"] == verdict for row in drawn)]
-    plot, height = row_size(names, 1, charts.WIDTH)
-    colors = {"domain": shown, "range": [charts.style(COLORS[verdict]).color for verdict in shown]}
-    share = {"field": "share", "type": "quantitative"}
-    axis = {"labelExpr": "format(100 * datum.value, '~g') + ' %'", "grid": False}
-    bars = layer(
-        drawn,
-        "bar",
-        {},
-        y=named("method", title=None, scale={"domain": names, "paddingInner": 0.3}),
-        x=share | {"title": "share of episodes", "scale": {"domain": [0.0, 1.0]}, "axis": axis},
-        color=named("verdict", title=None, scale=colors),
-        order={"field": "order", "type": "quantitative"},
-        tooltip=[named("verdict"), share | {"format": ".1%"}],
-    )
-    return {"layer": [bars], "width": plot, "height": height}

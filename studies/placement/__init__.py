@@ -3,7 +3,6 @@
 | file | what it holds |
 |---|---|
 | `grid.py` | the rows: task, release strategy, split, world, seeds |
-| `measurements.py` | hand-over by descent and speed; apples that stay if the robot halts under exploration noise |
 | `tables.py` | the committed tables, the rows of new logs, tables of the pages |
 | `figures.py` | strategies by world; placements that stay by release speed |
 | `study.py` | units of work; analysis |

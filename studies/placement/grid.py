@@ -37,7 +37,6 @@ PHASES = {
     2: "other worlds",
     3: "known layouts, as in the thesis",
     4: "jaws that touch again, policies trained for longer stays, a descent to contact",
-    5: "descent and speed of the hand-over; halting under exploration noise",
 }
 
 
@@ -86,10 +85,6 @@ class Grid:
     """A scale of the study."""
 
     rows: tuple[Row, ...]
-    hand_over_episodes: int = 0
-    """Of each row of the hand-over measurement; 0: it is left out."""
-    noise_episodes: int = 0
-    """Likewise of halting under exploration noise."""
 
 
 def _rows(
@@ -124,8 +119,8 @@ SMOKE_ROWS = (
 )
 GRIDS = {
     "smoke": Grid(_smaller(SMOKE_ROWS, 2)),
-    "laptop": Grid(_smaller(THESIS_ROWS, 30), 30, 60),
-    "thesis": Grid(THESIS_ROWS, 100, 200),
+    "laptop": Grid(_smaller(THESIS_ROWS, 30)),
+    "thesis": Grid(THESIS_ROWS),
 }
 
 
@@ -137,8 +132,7 @@ def make_grid(scale: str, phases: Sequence[int]) -> Grid:
     """
     grid = GRIDS[scale]
     rows = tuple(row for row in grid.rows if row.phase in phases)
-    made = replace(grid, rows=rows) if 5 in phases else Grid(rows)
-    if not rows and not made.hand_over_episodes:
-        known = ", ".join(map(str, sorted({row.phase for row in grid.rows} | ({5} if grid.noise_episodes else set()))))
+    if not rows:
+        known = ", ".join(map(str, sorted({row.phase for row in grid.rows})))
         raise PerdureError(f"scale {scale} has no work in phases {', '.join(map(str, phases))}; its phases are {known}")
-    return made
+    return Grid(rows)

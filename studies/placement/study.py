@@ -14,7 +14,6 @@ from perdure.runs import Store, Unit
 from studies.files import include_tables
 from studies.placement.figures import draw_figures
 from studies.placement.grid import DRAG, GRIDS, PHASES, Grid, Row, make_grid
-from studies.placement.measurements import measurement_units, read_measurement
 from studies.placement.tables import PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
 
 QUESTION = "Do placed objects stay, and which release strategy and which world decide it?"
@@ -24,20 +23,19 @@ __all__ = ["PHASES", "QUESTION", "SCALES", "analyze", "plan"]
 
 
 def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
-    """Return the units of a scale: blocks of episodes of each row, then the two measurements.
+    """Return the units of a scale: blocks of episodes of each row.
 
     Raises:
         PerdureError: The policies of a row are missing.
     """
     grid = make_grid(scale, phases)
-    units = [unit for row in grid.rows for unit in protocol_units(row.protocol(), row.command)]
-    return units + [unit for each in measurement_units(grid).values() for unit in each]
+    return [unit for row in grid.rows for unit in protocol_units(row.protocol(), row.command)]
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
     """Write tables and figures from what is there, of every phase, and the tables of the page `README.md`.
 
-    Numbers of rows and measurements that are not finished stay.
+    Numbers of rows that are not finished stay.
 
     Raises:
         PerdureError: There are no results in the folder, or a table is damaged.
@@ -64,11 +62,8 @@ def finished_logs(row: Row, store: Path) -> list[Path]:
 
 
 def update_tables(grid: Grid, out: Path) -> Tables:
-    """Return the tables with the numbers of finished rows and measurements; all others keep theirs."""
+    """Return the tables with the numbers of finished rows; all others keep theirs."""
     tables, store = read_tables(out / "tables"), out / "runs"
-    for name, units in measurement_units(grid).items():
-        if (new := read_measurement(name, units, store)) is not None:
-            tables[name] = new
     logs = {row: finished_logs(row, store) for row in grid.rows}
     paths = sorted(path for paths in logs.values() for path in paths)
     if not paths:

@@ -17,7 +17,6 @@ from perdure.home.evaluate.outcomes import COUNTINGS, Counting
 from perdure.home.sim.objects import KINDS
 from studies.files import read_csv, write_csv
 from studies.placement.grid import MAIN_STRATEGIES, STRATEGIES, TASKS, WORLDS
-from studies.placement.measurements import CASES, SCHEMAS
 
 Tables = dict[str, pl.DataFrame]
 """Tables by name, with names of strategies as logs have them ("ik drag")."""
@@ -52,12 +51,11 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
         **{"interval": pl.Int64, "in_motion": pl.Boolean, "objects": pl.String, "placements": pl.Int64},
         **{"share_stayed": pl.Float64, "median_speed": pl.Float64},
     },
-    **SCHEMAS,
 }
 """Columns of every CSV file, see `perdure.home.evaluate.analysis`: shares, [m], [m/s], [deg]. `earlier_run`: the logs
 were not kept. `differences` are second minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
-OPTIONAL |= {"world", "median_speed", "let_go_outside"}
+OPTIONAL |= {"world", "median_speed"}
 PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
 """Strategies that are compared over the same episodes: (first, second), second minus first."""
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
@@ -292,44 +290,6 @@ def speed_table(tables: Tables) -> pl.DataFrame:
     return _table(rows)
 
 
-def hand_over_table(tables: Tables) -> pl.DataFrame:
-    """Return placements by descent and speed of the hand-over."""
-    return _table(
-        {
-            **{"descent": f"{row['descent']:.2f} m", "speed": f"{row['speed']:.2f} m/s"},
-            "did not stay": f"{row['not_stable']} of {row['placements']}",
-            "height at release": f"{100 * row['release_height']:.1f} cm",
-            "object speed at release": f"{row['object_speed']:.3f} m/s",
-            "out of reach, blocked": f"{row['out_of_reach']}, {row['blocked']}",
-        }
-        for row in tables["hand-over"].iter_rows(named=True)
-    )
-
-
-def noise_table(tables: Tables) -> pl.DataFrame:
-    """Return apples that stayed by noise, without and with the halt."""
-    words = {"none": "none, as in evaluation", "exp(-2)": "exp(-2), as at the end of training"}
-    found = {(row["halts"], row["noise"], row["parts"]): row for row in tables["halt-in-noise"].iter_rows(named=True)}
-
-    def stayed(*case: Any) -> str:
-        if (row := found.get(case)) is None:
-            return ""
-        part = f" ({100 * row['stayed'] / row['commanded']:.0f} %)" if row["commanded"] else ""
-        return f"{row['stayed']} of {row['commanded']}{part}"
-
-    return _table(
-        {
-            "noise (standard deviation)": words.get(noise, noise)
-            if parts == "base and arm"
-            else f"{noise}, {parts} only",
-            "policy releases by itself": stayed(False, noise, parts),
-            "robot stops for 0.5 s, then releases": stayed(True, noise, parts),
-        }
-        for halts, noise, parts in CASES
-        if halts
-    )
-
-
 PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
     "success": readme_table,
     "strategies": strategy_table,
@@ -338,7 +298,5 @@ PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
     "layouts": layout_table,
     "modes": mode_table,
     "release-speed": speed_table,
-    "hand-over": hand_over_table,
-    "halt-in-noise": noise_table,
 }
 """Name after `table:` in a page to the function that makes the table."""

@@ -22,7 +22,7 @@ from perdure.horizon import Fixed
 from perdure.policy import TaskInfo, save_policy
 from perdure.report import read_table
 from perdure.runs import Store
-from perdure.wrappers import HorizonLimit, VectorHorizonLimit
+from perdure.wrappers import HorizonLimit
 
 extrapolate = partial(perdure.extrapolate, disturb="none")
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
@@ -372,9 +372,8 @@ def test_an_environment_with_a_training_horizon_is_refused():
 
     with pytest.raises(PerdureError, match="ends episodes at a training horizon"):
         extrapolate(lambda seen: np.zeros((len(seen), 1)), limited, steps=5, eval_seeds=1)
-    vector = SyncVectorEnv([lambda: gymnasium.make("Pendulum-v1", max_episode_steps=-1)] * 2)
     with pytest.raises(PerdureError, match="ends episodes at a training horizon"):
-        extrapolate(lambda seen: np.zeros((len(seen), 1)), VectorHorizonLimit(vector, Fixed(50), "terminated"), steps=5)
+        extrapolate(lambda seen: np.zeros((len(seen), 1)), SyncVectorEnv([limited] * 2), steps=5)
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_policy_is_called(tmp_path):

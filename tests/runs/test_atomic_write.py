@@ -1,7 +1,5 @@
 """write_atomic: the old file or the new one, never half of it."""
 
-import errno
-import fcntl
 import os
 import resource
 import signal
@@ -70,23 +68,6 @@ def test_an_old_file_keeps_its_permissions(tmp_path):
     assert stat.S_IMODE((tmp_path / "secret").stat().st_mode) == 0o600
 
 
-def test_a_leftover_of_a_read_only_file_can_be_removed(tmp_path):
-    (tmp_path / "file").write_text("old")
-    (tmp_path / "file").chmod(0o444)
-    script = """
-        import os, sys
-        import perdure.runs.files as module
-        module.os.replace = lambda *paths: os.kill(os.getpid(), 9)
-        module.os.fchmod = lambda *parts: os.kill(os.getpid(), 9)
-        module.write_atomic(sys.argv[1], "half")
-    """
-    run_script(script, tmp_path / "file")
-    (leftover,) = (path for path in tmp_path.iterdir() if path.name != "file")
-    assert leftover.stat().st_mode & stat.S_IWUSR
-    write_atomic(tmp_path / "file", "new")
-    assert names(tmp_path) == ["file"]
-
-
 def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"is not a regular file.*pipe"):
@@ -148,16 +129,6 @@ def test_a_folder_in_the_way_is_an_error_that_names_it(tmp_path):
     with pytest.raises(OSError, match="taken"):
         write_atomic(tmp_path / "taken", "x")
     assert names(tmp_path) == ["taken"]
-
-
-def test_on_a_file_system_without_locks_it_says_so_and_leaves_nothing(tmp_path, monkeypatch):
-    def refuse(descriptor, operation):
-        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(PerdureError, match=r"is on a file system without file locks \(flock\); choose another"):
-        write_atomic(tmp_path / "file", b"text")
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])

@@ -18,14 +18,13 @@ def broken(tmp_path, monkeypatch):
     disk.mkdir()
     spare.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(spare))
-    opened = os.open
 
-    def refuse(path, flags, *mode, **more):
-        if str(path).startswith(str(disk)) and flags & os.O_CREAT:
+    def refuse(path, mode):
+        if str(path).startswith(str(disk)):
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), path)
-        return opened(path, flags, *mode, **more)
+        return open(path, mode)
 
-    monkeypatch.setattr(os, "open", refuse)
+    monkeypatch.setattr("perdure.runs.files.open", refuse, raising=False)
     return disk
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -15,9 +15,6 @@ from perdure.cli.parse import Cores, On, call, check_folder
 from perdure.errors import PerdureError
 from perdure.home.sim.scene import Rolling, SceneOptions, WorldOptions
 from perdure.report.charts import Format
-
-if TYPE_CHECKING:
-    from perdure.home.evaluate.log import EpisodeLog
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="tidy_house, prepare_groceries or set_table.")]
 Logs = Annotated[
@@ -159,7 +156,7 @@ def video(
     """Film an episode: the oracle, or several release strategies side by side. Needs no screen.
 
     Args:
-        out: The film: .mp4 or .gif; .png writes a sheet with one picture for each stage.
+        out: The film: .mp4 or .gif.
         camera: follow, doll_house, plan, head or hand.
         size: Width and height in pixels, even.
         seconds: Simulated time after which it ends.
@@ -168,9 +165,9 @@ def video(
         train_seed: Training seed of the shipped policies.
         world: The variant of the physics.
     """
-    from perdure.film import check_film, save_picture
     from perdure.home.evaluate.execute import ExecutorOptions
-    from perdure.home.film import FilmOptions, contact_sheet, film_episode, make_agent
+    from perdure.home.evaluate.outcomes import latched
+    from perdure.home.film import FilmOptions, film_episode, make_agent
     from perdure.home.tasks.episodes import load_episodes
 
     filmed = load_episodes(task, split)[index]
@@ -178,27 +175,14 @@ def video(
     options = FilmOptions(camera, size, speed, seconds, executor)
     if policies and not place:
         raise PerdureError("--policies needs --place: without release strategies the oracle acts in every skill")
-    if out.suffix.lower() == ".png" and not place:
-        check_film(out, (".png",))
-        sheet, log = contact_sheet(filmed, options)
-        save_picture(sheet, out, colors=256)
-        _print_stages(log)
-    else:
-        chosen = parse_policies(policies)
-        agents = [make_agent(task, each, train_seed, chosen, vary) for each in place]
-        logs = film_episode(filmed, out, options, agents)
-        for who, log in zip([f"{each}: " for each in place] or [""], logs, strict=True):
-            _print_stages(log, who)
+    chosen = parse_policies(policies)
+    agents = [make_agent(task, each, train_seed, chosen, vary) for each in place]
+    logs = film_episode(filmed, out, options, agents)
+    for who, log in zip([f"{each}: " for each in place] or [""], logs, strict=True):
+        if log is not None:  # else the film ended before the episode
+            stages = latched(log)
+            print(f"{who}{sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
     print(out)
-
-
-def _print_stages(log: EpisodeLog | None, who: str = "") -> None:
-    """Print the number of stages reached, unless the film ended before the episode."""
-    from perdure.home.evaluate.outcomes import latched
-
-    if log is not None:
-        stages = latched(log)
-        print(f"{who}{sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
 
 
 def view(

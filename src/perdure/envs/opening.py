@@ -152,15 +152,6 @@ def _limits(env: Any) -> Iterator[Any]:
 @contextmanager
 def _without_limits(vector: Any) -> Iterator[int | None]:
     """Lift the limits of a vector's environments for the duration of a block; yield the old limit, or None."""
-    from gymnasium.vector import VectorWrapper
-
-    from perdure.wrappers import VectorHorizonLimit
-
-    layer = vector
-    while isinstance(layer, VectorWrapper):
-        if isinstance(layer, VectorHorizonLimit):
-            raise PerdureError(f"{_title(vector)}: {_HORIZON_LIMIT}")
-        layer = layer.env
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
         return

@@ -1,12 +1,11 @@
 """Model cards: what a policy is and whether it holds, as the README.md that Hugging Face shows beside a model.
 
-Format: YAML front matter (huggingface.co/docs/hub/model-cards), read by machines, then Markdown, read by people.
+Format: front matter (huggingface.co/docs/hub/model-cards), JSON because that is YAML too, then Markdown for people.
 """
 
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from perdure.errors import PerdureError
 from perdure.evaluate.score import HOLDS_FROM
-from perdure.evaluate.table import FILE_NOTE, method_label, train_seed
+from perdure.evaluate.table import FILE_NOTE
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
 from perdure.report import estimate_table, read_table
@@ -26,14 +25,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 NAME = "README.md"
-LIBRARY_LINE = "library_name: perdure"
-"""Line of the front matter by which a card of ours is known."""
-_PLAIN = re.compile(r"(?!(true|false|null|yes|no|on|off)$)[a-z_]+(-[a-z_]+)*")
-"""Text that YAML reads as text without quotes."""
-UNCHECKED = """
-
-The table of these episodes does not say which policy file they are of. They were found by task, method, training seed
-and label; the file itself was not checked."""
+HEAD = '---\n{\n "library_name": "perdure",\n'
+"""How every card of ours begins."""
 LIMITS = """- The verdict is about this simulator, these start states and these clocks. It does not carry over to a real
   robot or to another physics engine.
 - Intervals are over evaluation seeds of one trained policy. They say nothing about other training runs of the method.
@@ -58,12 +51,13 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
     subject = load_policy(file)
     frame, notes = read_table(table)
     path = Path(out) if out is not None else _beside(file)
-    if path.exists() and not (_is_ours(old := path.read_text(errors="replace")) and f"# {_title(subject)}\n" in old):
+    if path.exists() and not (
+        (old := path.read_text(errors="replace")).startswith(HEAD) and f"# {_title(subject)}\n" in old
+    ):
         raise PerdureError(f"{path} exists and is no model card of this policy; name another file with --out")
     files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
-    mine = _rows_of_file(file, frame, files, str(table)) if files else _rows_of(subject, frame, str(table))
-    (estimates,) = estimate_table(mine).values()
-    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", ""), bool(files)))
+    (estimates,) = estimate_table(_rows_of(file, frame, files, str(table))).values()
+    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", "")))
     return path
 
 
@@ -77,7 +71,7 @@ def _beside(file: Path) -> Path:
     return file.parent / (NAME if alone else f"{file.stem}.{NAME}")
 
 
-def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command: str, checked: bool) -> str:
+def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command: str) -> str:
     """Return a model card.
 
     Args:
@@ -85,15 +79,14 @@ def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command
         file: Name of its file.
         estimates: One for each clock, all of this policy.
         command: What made the table of the estimates.
-        checked: Whether the table says that it is of this file.
     """
     task = policy.task
     parts = [
-        f"---\n{_yaml(_front_matter(policy, estimates))}---",
+        f"---\n{json.dumps(_front_matter(policy, estimates), indent=1)}\n---",
         f"# {_title(policy)}",
         f"A deterministic policy for `{task.name}`: {task.observation_size} observations, {task.action_size} actions, "
         f"a `{policy.activation}` network. {_time(policy)}",
-        f"## Does it hold?\n\n{_verdicts(estimates)}{'' if checked else UNCHECKED}",
+        f"## Does it hold?\n\n{_verdicts(estimates)}",
         f"## Training\n\n{_training(policy)}",
         f"## Limits\n\n{LIMITS}",
         f"## How to use it\n\n{_use(file)}",
@@ -103,11 +96,7 @@ def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command
     return "\n\n".join(parts) + "\n"
 
 
-def _is_ours(text: str) -> bool:
-    return text.startswith("---\n") and LIBRARY_LINE in text.split("\n---", 1)[0].splitlines()
-
-
-def _rows_of_file(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.DataFrame:
+def _rows_of(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.DataFrame:
     import polars as pl
 
     digest = file_digest(file)
@@ -115,27 +104,9 @@ def _rows_of_file(file: Path, frame: pl.DataFrame, files: dict[str, str], table:
     mine = frame.filter(note.is_in([name for name, found in files.items() if found == digest]))
     if mine.is_empty():
         names = [f"{name.removeprefix(FILE_NOTE)} ({found[:12]})" for name, found in sorted(files.items())]
+        held = printable(", ".join(names)) or "no policy file"
         raise PerdureError(
-            f"{table} holds no episode of {file} (SHA-256 {digest[:12]}): evaluate this file; "
-            f"the table is of {printable(', '.join(names))}"
-        )
-    return mine
-
-
-def _rows_of(policy: Policy, frame: pl.DataFrame, table: str) -> pl.DataFrame:
-    import polars as pl
-
-    method, seed = str(policy.provenance.get("method", "unknown")), train_seed(policy)
-    # Policies of equal labels are told apart by their paths, which the table has in brackets.
-    label = re.escape(method_label(policy, method))
-    named = pl.col("policy").str.contains(rf"^{label}( \(.*/.*\))?$")
-    mine = frame.filter(
-        (pl.col("task") == policy.task.name) & (pl.col("method") == method) & (pl.col("train_seed") == seed) & named
-    )
-    if mine["policy"].n_unique() != 1:
-        names = ", ".join(sorted(frame.select(name=pl.col("task") + " " + pl.col("policy"))["name"].unique()))
-        raise PerdureError(
-            f"{table} does not say which episodes are those of this policy ({_title(policy)}); it holds {names}"
+            f"{table} holds no episode of {file} (SHA-256 {digest[:12]}): evaluate this file; the table is of {held}"
         )
     return mine
 
@@ -250,18 +221,3 @@ def _use(file: str) -> str:
         "actions = policy.act(observations, elapsed=np.zeros(1))\n```\n\n"
         f"`perdure extrapolate {file}` evaluates it again. `perdure inspect {file}` shows all settings."
     )
-
-
-def _yaml(value: Any, indent: int = 0) -> str:
-    """Return mappings and lists as YAML blocks; numbers and text as JSON, which YAML includes."""
-    pad, lines = "  " * indent, []
-    items = value.items() if isinstance(value, dict) else ((None, each) for each in value)
-    for key, each in items:
-        head = f"{pad}- " if key is None else f"{pad}{key}:"
-        if isinstance(each, dict | list) and each:
-            inner = _yaml(each, indent + 1)
-            lines.append(f"{head}\n{inner}" if key is not None else head + inner.lstrip(" "))
-        else:
-            text = each if isinstance(each, str) and _PLAIN.fullmatch(each) else json.dumps(each)
-            lines.append(f"{head} {text}\n" if key is not None else f"{head}{text}\n")
-    return "".join(lines)

@@ -38,8 +38,6 @@ AFTERWARDS = 45
 """Control steps that are shown after the plan has ended."""
 RATES = {".mp4": 30.0, ".gif": 12.5}
 """Pictures a second. GIFs count in hundredths of a second, and browsers slow down fast ones."""
-COLUMNS = 4
-"""Pictures in a row of a sheet."""
 TITLE, WORDS, SMALL = 18, 18, 13
 """Font sizes."""
 
@@ -309,30 +307,6 @@ def _panel(
         else:
             last = drawer.draw(frames[-1], 0.0, agent.rows(ended=True)) if last is None else last
             yield last
-
-
-def contact_sheet(episode: Episode, options: FilmOptions | None = None) -> tuple[Picture, EpisodeLog | None]:
-    """Return pictures of the oracle side by side, one for each stage as it is reached, and the episode's log.
-
-    Args:
-        episode: The episode.
-        options: Camera, size of one picture, seed.
-
-    Returns:
-        The sheet and the log, None when `options.seconds` ended the episode early.
-
-    Raises:
-        PerdureError: If no stage was reached.
-    """
-    options = replace(options or FilmOptions(size=(480, 360)), speed=1.0)
-    with Studio(render_scene(episode, options.executor.eval_seed), options.size) as studio:
-        recording = _record(episode, _oracle(episode), options)
-        counts = [0, *(sum(done for _, done in frame.caption.stages) for frame in recording.frames)]
-        drawer = _Captioned(studio, episode, options)
-        frames = [frame for k, frame in enumerate(recording.frames) if counts[k + 1] > counts[k]]
-        if not frames:
-            raise PerdureError(f"the oracle reached no stage of {episode.name}: there is nothing to show")
-        return tile([drawer.draw(frame, math.inf) for frame in frames], COLUMNS), recording.log
 
 
 def serve_episode(

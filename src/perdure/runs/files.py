@@ -10,10 +10,11 @@ import fcntl
 import io
 import os
 import secrets
+import socket
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from perdure.errors import PerdureError
@@ -23,7 +24,7 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     """Write `data` to `path` through a temporary file in the same folder, fsync and rename.
 
     Missing folders are made. A symbolic link at `path` stays, its target is replaced. The permissions of the old file
-    stay. What a killed writer of the same path left behind is removed.
+    stay. What a killed writer left in the folder is removed.
 
     Args:
         path: Where the file shall be.
@@ -40,19 +41,21 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     payload = data.encode() if isinstance(data, str) else data
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(target)
-        mode = _mode(target)
-        temporary, descriptor = _open_temporary(target)
+        mode, prefix = _mode(target), f".partial-{socket.gethostname()}-"
+        for leftover in target.parent.glob(f"{prefix}*"):
+            _remove_if_dead(leftover, int(leftover.name.removeprefix(prefix).partition("-")[0]))
+        temporary = target.with_name(f"{prefix}{os.getpid()}-{secrets.token_hex(6)}")
         try:
-            _write_all(descriptor, payload)
+            with open(temporary, "xb") as file:
+                file.write(payload)
+                file.flush()
+                os.fsync(file.fileno())
             if mode is not None:
-                os.fchmod(descriptor, mode)
+                temporary.chmod(mode)
             os.replace(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
-        finally:
-            os.close(descriptor)
         sync(target.parent)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, os.fspath(path)) from error
@@ -125,50 +128,14 @@ def _mode(target: Path) -> int | None:
     return stat.S_IMODE(mode) if stat.S_ISREG(mode) else None
 
 
-def _write_all(descriptor: int, payload: bytes) -> None:
-    view = memoryview(payload)
-    while view:
-        view = view[os.write(descriptor, view) :]
-    os.fsync(descriptor)
-
-
-def _open_temporary(target: Path) -> tuple[Path, int]:
-    """Make a new locked file beside `target`; the lock shows other processes that its writer is alive."""
-    while True:
-        temporary = target.with_name(f"{_prefix(target)}{secrets.token_hex(6)}")
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        try:
-            lock_file(descriptor, temporary, wait=True)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            os.close(descriptor)
-            raise
-        if is_still_at(descriptor, temporary):
-            return temporary, descriptor
-        os.close(descriptor)  # another writer took it for a leftover before it was locked
-
-
-def _remove_leftovers(target: Path) -> None:
-    prefix = _prefix(target)
-    for entry in list(os.scandir(target.parent)):
-        if entry.name.startswith(prefix) and entry.is_file(follow_symlinks=False):
-            with suppress(OSError):
-                _remove_if_dead(Path(entry.path))
-
-
-def _remove_if_dead(leftover: Path) -> None:
-    descriptor = os.open(leftover, os.O_RDWR)
+def _remove_if_dead(leftover: Path, writer: int) -> None:
+    """Remove a temporary file whose process has ended."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        leftover.unlink()
-    finally:
-        os.close(descriptor)
-
-
-def _prefix(target: Path) -> str:
-    # A long name leaves no room for a token within the 255 bytes a file name may have. Bytes that are no UTF-8 are left
-    # out: some file systems refuse them, and the cut may leave half a character.
-    return f".{os.fsencode(target.name)[:180].decode(errors='ignore')}.partial-"
+        os.kill(writer, 0)
+    except ProcessLookupError:
+        leftover.unlink(missing_ok=True)
+    except PermissionError:  # another user's process
+        pass
 
 
 # Locks

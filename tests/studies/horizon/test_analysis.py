@@ -73,8 +73,6 @@ def test_figures_show_what_the_tables_say(results):
     shown = [row for row in values(figures["figure-3-2"].spec) if row.get("label") == "discounted PPO" and "low" in row]
     assert shown
     assert [row["x"] for row in shown] == pytest.approx([200.0 / (3.0 * HORIZON)] * len(shown), rel=1e-5)
-    bars = {row["method"]: row for row in values(figures["verdicts-hopper-v3"].spec) if row["verdict"] == "holds"}
-    assert bars["discounted PPO"]["share"] == 1.0
 
 
 def test_a_task_without_a_published_policy_is_left_out_beside_one_that_has_it():
@@ -86,7 +84,6 @@ def test_a_task_without_a_published_policy_is_left_out_beside_one_that_has_it():
     )
     figures = figures_of(results)
     assert {row["row"] for row in values(figures["figure-3-2"].spec)} == {"Swimmer-v3"}
-    assert "Not shown, for want of a published policy: Ant-v3." in figures["figure-3-2"].note
     assert {row["row"] for row in values(figures["score"].spec)} == {"Swimmer-v3"}
 
 

@@ -1,6 +1,5 @@
 """One episode is run as a unit of the study; its logs replace the committed rows about the same and nothing else."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,16 +9,15 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.protocol import protocol_units
-from perdure.runs import Store, attempt
+from perdure.runs import attempt
 from studies.placement.figures import speed_figures
 from studies.placement.grid import DRAG, Grid, Row
-from studies.placement.measurements import SCHEMAS, measurement_units
 from studies.placement.study import update_tables
 from studies.placement.tables import PAGE_TABLES, read_tables, write_tables
 
 COMMITTED = Path(__file__).parents[3] / "results" / "placement" / "tables"
 ROW = Row("set_table", "ik", "eval", DRAG, 1, 1, 1, 1)
-GRID = Grid((ROW,), hand_over_episodes=1)
+GRID = Grid((ROW,))
 SUBJECT = {"task": "set_table", "split": "eval", "strategy": "ik drag"}
 
 
@@ -96,12 +94,3 @@ def test_release_speeds_count_every_placement(after):
     assert not counts["in_motion"].any()
     assert "1 of 1" in str(PAGE_TABLES["release-speed"](after).rows())
     assert list(speed_figures(counts)) == []  # too few, and none in motion
-
-
-def test_a_measurement_keeps_its_numbers_until_all_units_are_there(out):
-    committed, unit = read_tables(out / "tables")["hand-over"], measurement_units(GRID)["hand-over"][0]
-    attempt(out / "runs", unit)
-    assert update_tables(GRID, out)["hand-over"].equals(committed)
-    summary = json.loads((Store(out / "runs").get(unit.key) / "summary.json").read_text())
-    assert list(summary) == list(SCHEMAS["hand-over"])
-    assert (summary["descent"], summary["blocked"], summary["out_of_reach"]) == (0.0, 0, 0)

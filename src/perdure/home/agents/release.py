@@ -191,7 +191,7 @@ class Stop(HandOver):
 
 
 EPSILON = 0.05
-"""Depth of the descent in [m]; `docs/home/world.md` compares other values."""
+"""Depth of the descent in [m]."""
 SPEED = 0.15
 """Speed of the descent in [m/s]."""
 OUT_OF_REACH = 0.02

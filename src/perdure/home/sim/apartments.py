@@ -33,7 +33,6 @@ from perdure.home.sim.geoms import (
     ONLY_SEEN,
     WALL,
     add_joint,
-    camera_quaternion,
     geom_type,
 )
 from perdure.home.sim.occupancy import CLIMB, REACH_UP, FreeSpace, footprints, free_space
@@ -238,7 +237,6 @@ def build_apartment(apartment: Apartment, spec: mujoco.MjSpec | None = None, *, 
         _add_piece(spec, piece, visuals)
     if visuals:
         _add_light(spec, apartment)
-        _add_cameras(spec, apartment)
     return spec
 
 
@@ -341,19 +339,6 @@ def _add_light(spec: Any, apartment: Apartment) -> None:
         specular=(0.05, 0.05, 0.05),
         castshadow=True,
     )
-
-
-def _add_cameras(spec: Any, apartment: Apartment) -> None:
-    """`plan` looks straight down, `doll_house` at the kitchen's front from above."""
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
-    middle, (width, depth) = 0.5 * (low + high), high - low
-    distance = max(depth, 0.75 * width) / (2.0 * math.tan(math.radians(22.5))) + 0.5
-    spec.worldbody.add_camera(name="plan", pos=(*middle, distance), fovy=45.0)
-    yaw = next((p.pose.yaw for p in apartment.pieces if p.kind == "kitchen_counter"), math.pi / 2.0)
-    away = 0.95 * max(width, depth) * np.array([math.cos(yaw), math.sin(yaw), 0.0])
-    target = np.array([*middle, 0.2])
-    eye = target + away + [0.0, 0.0, 0.95 * max(width, depth)]
-    spec.worldbody.add_camera(name="doll_house", pos=eye, quat=camera_quaternion(target - eye), fovy=45.0)
 
 
 def cut_away(model: Any, apartment: Apartment, eye: NDArray[np.float64]) -> None:

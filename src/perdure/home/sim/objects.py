@@ -22,7 +22,7 @@ from perdure.home.sim.arrays import FloatArray, Quaternion, Vec3
 from perdure.home.sim.geoms import COLLIDES_AND_SEEN, OBJECT_BIT, ONLY_COLLIDES, ONLY_SEEN, geom_type
 from perdure.schema import read_json
 
-VISUALS = Path(__file__).parents[1] / "data" / "ycb_visuals.json"
+VISUALS, SHELLS = (Path(__file__).parents[1] / "data" / f"ycb_{name}.json" for name in ("visuals", "shells"))
 Color = tuple[float, float, float]
 """Red, green and blue in [0, 1]."""
 Shape = Literal["box", "rounded_box", "cylinder", "bowl", "sphere"]
@@ -270,13 +270,20 @@ class Visual:
 
 @cache
 def visuals() -> dict[str, list[Visual]]:
-    """Return the visual geometry by kind, drawn by eye. The surfaces of bowl and apple are meshes, see `_add_shell`."""
+    """Return the visual geometry by kind, drawn by eye; for bowl and apple see `shells` too."""
     drawn: dict[str, list[Visual]] = read_json(VISUALS.read_bytes(), dict[str, list[Visual]])
     return drawn
 
 
-SHELL_CORNERS, PROFILE_CORNERS = 40, 8
-"""Corners around a shell, and along each side of the bowl's wall."""
+@cache
+def shells() -> dict[str, list[tuple[float, float]]]:
+    """Return radius and height in [m] along the surfaces of bowl and apple, which are round, the outside first."""
+    drawn: dict[str, list[tuple[float, float]]] = read_json(SHELLS.read_bytes(), dict[str, list[tuple[float, float]]])
+    return drawn
+
+
+SHELL_CORNERS = 40
+"""Corners around a shell."""
 
 
 def _add_shell(spec: Any, body: Any, kind: Kind) -> Any:
@@ -289,7 +296,7 @@ def _add_shell(spec: Any, body: Any, kind: Kind) -> Any:
 
     name = f"{kind.name}/shell"
     if spec.mesh(name) is None:
-        corners, faces = turned(bowl_profile(kind) if kind.shape == "bowl" else apple_profile(kind))
+        corners, faces = turned(np.array(shells()[kind.name]))
         spec.add_mesh(
             name=name,
             uservert=corners.ravel(),
@@ -297,27 +304,6 @@ def _add_shell(spec: Any, body: Any, kind: Kind) -> Any:
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
     return body.add_geom(type=geom_type("mesh"), meshname=name, rgba=(*kind.color, 1.0))
-
-
-def bowl_profile(kind: Kind) -> FloatArray:
-    """Return radius and height in [m] from the middle of the foot over the rim to the middle of the floor: (n, 2)."""
-    height, radius = kind.size[2], cap_radius(kind)
-    up = np.linspace(0.0, height, PROFILE_CORNERS + 1)
-    outer = np.sqrt(2.0 * radius * up - up**2)
-    keep = outer > BOWL_BASE
-    outer, up = outer[keep], up[keep]
-    lifted = BOWL_FLOOR + (up - up[0]) * (height - BOWL_FLOOR) / (height - up[0])
-    across = np.concatenate([[0.0, BOWL_BASE, BOWL_BASE], outer, outer[::-1] - BOWL_RIM, [0.0]])
-    along = np.concatenate([[0.0, 0.0, up[0] / 2.0], up, lifted[::-1], [BOWL_FLOOR]])
-    return np.stack([across, along - height / 2.0], axis=-1)
-
-
-def apple_profile(kind: Kind) -> FloatArray:
-    """Return radius and height in [m] from the blossom to the stem: a circle with a dent at each end. Shape (n, 2)."""
-    angle = np.linspace(0.0, np.pi, 4 * PROFILE_CORNERS + 1)
-    dents = 0.10 * np.exp(-((angle / 0.28) ** 2)) + 0.24 * np.exp(-(((np.pi - angle) / 0.34) ** 2))
-    out = kind.half[0] * (1.0 - dents - 0.05 * np.cos(angle / 2.0) ** 4)
-    return np.stack([np.abs(out * np.sin(angle)), -out * np.cos(angle)], axis=-1)
 
 
 def turned(profile: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
@@ -379,7 +365,6 @@ class YcbObjects:
         body.add_freejoint(name=f"{name}/free")
         body.mass, body.inertia, body.explicitinertial = what.mass, moments(what), True
         body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
-        shell = self.visuals and what.shape in ("bowl", "sphere")
         hidden = self.visuals and what.shape != "box"
         for part in collision_parts(what, self.apple):
             geom = _add_part(spec, body, part)
@@ -390,7 +375,7 @@ class YcbObjects:
             geom.group = ONLY_COLLIDES if hidden else COLLIDES_AND_SEEN
             geom.rgba = (*what.color, 1.0)
         if self.visuals:
-            seen = [_add_shell(spec, body, what)] if shell else []
+            seen = [_add_shell(spec, body, what)] if what.name in shells() else []
             for look in visuals().get(what.name, ()):
                 seen.append(_add_part(spec, body, look.part, look.axis))
                 seen[-1].rgba = (*look.color, 1.0)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
 from perdure.home.sim.head_camera import FAR, SIDE, HeadCamera
 from perdure.home.skills.environment import HomeSkillEnv, HomeSkillVectorEnv
-from perdure.wrappers import AnyVectorWrapper
+
+if TYPE_CHECKING:
+    AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
+else:
+    AnyVectorWrapper = VectorWrapper  # takes type parameters from Gymnasium 1.4 on
 
 Observation = dict[str, NDArray[Any]]
 """`state`: the observation of the environment; `head_depth`: float32 from 0 to 1."""

@@ -6,8 +6,7 @@ import pytest
 from lanes import make
 
 from perdure.errors import PerdureError
-from perdure.home.skills.environment import SkillEnvOptions, env_id
-from perdure.home.skills.gym import HomeSkillEnv
+from perdure.home.skills.gym import SkillEnvOptions, env_id
 
 
 @pytest.mark.parametrize(
@@ -90,33 +89,3 @@ def test_an_id_makes_a_vector_of_its_own_skill_alone():
 
 def test_a_single_environment_may_be_given_threads():
     gymnasium.make(env_id("place"), split="val", episodes=1, threads=2).close()
-
-
-def test_an_episode_cut_off_before_the_object_could_stay_is_warned_of_once(recwarn):
-    env = gymnasium.make(env_id("place"), split="val", episodes=1, delta=60, max_episode_steps=3)
-    env.reset(seed=0)
-    for _ in range(4):
-        for _ in range(3):
-            env.step(np.zeros(10))
-        env.reset()
-    (text,) = (str(each.message) for each in recwarn if "cut off" in str(each.message))
-    assert "after 3 steps" in text
-    assert text.endswith("such an episode cannot succeed: also give max_episode_steps=260")
-
-
-def test_a_reset_in_the_middle_of_an_episode_is_not_warned_of(recwarn):
-    env = gymnasium.make(env_id("place"), split="val", episodes=1, delta=60, max_episode_steps=260)
-    for steps in (1, 2):
-        env.reset(seed=0)
-        for _ in range(steps):
-            env.step(np.zeros(10))
-    env.reset()
-    assert not any("cut off" in str(each.message) for each in recwarn)
-
-
-def test_an_episode_that_ended_by_itself_is_not_warned_of(recwarn):
-    env = HomeSkillEnv(skill="place", split="val", episodes=1, delta=60)
-    env.reset(seed=0)
-    assert env.step(-np.ones(10))[2]  # lets go far from the goal
-    env.reset()
-    assert not any("cut off" in str(each.message) for each in recwarn)

@@ -21,10 +21,6 @@ def tool():
     return module
 
 
-def test_the_page_is_the_one_the_tool_writes(tool):
-    assert tool.PAGE.read_text(encoding="utf-8") == tool.page()
-
-
 @pytest.mark.parametrize("skill", learned_skills())
 def test_the_page_names_every_reward_term_and_the_last_number_and_action(tool, skill):
     env = make(skill, "set_table", episodes=1)
