@@ -24,7 +24,7 @@ BIN       := .venv/bin
 ONE_THREAD = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo picture test check format verify docs bench clean
+.PHONY: help setup demo picture test check lint format verify docs bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1|/p' $(MAKEFILE_LIST) | while IFS='|' read -r target text; do \
@@ -72,13 +72,16 @@ picture: ## Put the demonstration's figures of Hopper into README.md
 	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working-calm.png docs/images/demo-calm.png
 	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working-under-standard-1.png docs/images/demo-disturbed.png
 
-test: check ## Check format, lint and types, then run every test but the long ones
-	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile $(PYTEST)
+# A process runs whole files, in the order of tests/conftest.py; tests/test_types.py checks the types.
+test: lint ## Check format and lint, then types and every test but the long ones
+	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile --no-loadscope-reorder $(PYTEST)
 
-check: setup ## Check format, lint and types
+check: lint ## Check format, lint and types
+	@$(BIN)/mypy
+
+lint: setup
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
-	@$(BIN)/mypy
 
 format: setup ## Format the code, and fix what the linter can fix
 	@$(BIN)/ruff check --fix --quiet . || true

@@ -2,10 +2,45 @@
 
 import os
 import tempfile
+from pathlib import Path
 
 import pytest
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
+TESTS = Path(__file__).parent
+FIRST = (
+    "test_types.py",
+    "evaluate/test_autoreset_parity.py",
+    "evaluate/test_in_process.py",
+    "learn/test_segments.py",
+    "cli/test_interrupts.py",
+    "studies/horizon/test_kills.py",
+    "cli/test_sb3_models.py",
+    "learn/test_average_reward.py",
+    "home/evaluate/execute/test_executor.py",
+    "evaluate/test_verdict.py",
+    "evaluate/test_goals.py",
+    "learn/test_probes.py",
+    "cli/test_commands.py",
+    "evaluate/test_watch.py",
+    "envs/test_world_contract.py",
+    "evaluate/test_extrapolate.py",
+    "home/skills/training/test_training.py",
+    "test_own_environment.py",
+    "learn/test_sb3_curve.py",
+    "envs/test_third_party.py",
+    "cli/test_terminal.py",
+    "cli/test_home_commands.py",
+    "home/test_home_film.py",
+    "home/test_failure_sheets.py",
+    "studies/horizon/test_committed_results.py",
+    "test_snippets.py",
+    "fuzz/test_fuzz_readers.py",
+)
+"""The longest files. They come first, so that test processes which take file after file end at the same time.
+
+Files that fork come before those that train, because JAX then has threads.
+"""
 
 
 def pytest_configure(config):
@@ -16,6 +51,12 @@ def pytest_configure(config):
         os.environ[COMPILED] = folder.name
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+
+def pytest_collection_modifyitems(items):
+    """Put the longest files first."""
+    place = {TESTS / name: number for number, name in enumerate(FIRST)}
+    items.sort(key=lambda item: place.get(item.path, len(FIRST)))
 
 
 @pytest.fixture

@@ -176,10 +176,12 @@ def site(tmp_path_factory):
     return out / "html"
 
 
+@pytest.mark.verify
 def test_the_site_has_no_dead_link_and_loads_nothing_from_the_network(site):
     assert list(dead_links(site)) == []
 
 
+@pytest.mark.verify
 def test_every_public_name_and_flag_is_in_the_reference(site):
     """Counted in the built pages: each documented object has an anchor with its full name, once."""
     text = "".join(path.read_text() for path in (site / "reference" / "api").glob("*.html"))

@@ -26,7 +26,6 @@ COMMANDS = {
     [
         ("train", signal.SIGINT),
         ("extrapolate", signal.SIGINT),
-        ("extrapolate", signal.SIGTERM),
         ("home run", signal.SIGTERM),
     ],
 )

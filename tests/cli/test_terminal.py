@@ -18,13 +18,13 @@ def test_help_ends_in_a_terminal_of_any_width(process, tmp_path, columns):
     assert len(done.stdout) < 100_000
 
 
-def test_a_policy_and_a_folder_of_any_bytes_go_through_an_evaluation(process, tmp_path):
+def test_a_policy_and_a_folder_of_any_bytes_go_through_an_evaluation(command, process, tmp_path):
     from perdure.policy.files import find_policy
 
     policy, out = (os.fsencode(tmp_path) + name for name in (b"/p\xff.safetensors", b"/out\xff"))
     os.symlink(os.fsencode(find_policy("Hopper-v3/geometric")), policy)
     flags = ("--steps", "20", "--eval-seeds", "1", "--disturb", "none", "--on", "here", "--out", out)
-    done = process("extrapolate", policy, *flags, cwd=tmp_path, **ASCII)
+    done = command("extrapolate", os.fsdecode(policy), *map(os.fsdecode, flags), cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     with open(out + b"/report.html", encoding="utf-8") as page:
         assert "out\\xff" in page.read()

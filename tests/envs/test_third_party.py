@@ -152,11 +152,13 @@ def module(tmp_path, monkeypatch):
     gymnasium.registry.pop("Broken-v0", None)
 
 
+SHORT = PPOConfig(n_envs=1, n_steps=8, batch_size=8, total_steps=8)
+
+
 @pytest.mark.parametrize("on", ["here", "local"])
 def test_training_says_in_one_line_which_environment_broke_where(module, tmp_path, on):
-    config = PPOConfig(n_envs=1, n_steps=64, batch_size=64, total_steps=64)
     with pytest.raises(ValueError, match="raised KeyError: 'joint'") as refusal:
-        train(TrainRun(f"gymnasium:{module}:Broken-v0", "ppo", config), tmp_path / "out", on=on, cores=1)
+        train(TrainRun(f"gymnasium:{module}:Broken-v0", "ppo", SHORT), tmp_path / "out", on=on, cores=1)
     message = str(refusal.value)
     assert f"gymnasium:{module}:Broken-v0, lane 0, step 3: step raised" in message
     assert "JAX" not in message
@@ -175,9 +177,8 @@ def test_a_module_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
 @pytest.mark.parametrize("reward", [float("nan"), 1e308])
 def test_training_names_the_environment_whose_rewards_nobody_can_learn_from(tmp_path, reward):
     gymnasium.register("perdure-test-Unpaid-v0", lambda: Broken(lambda: (np.zeros(3), reward, False, False, {})))
-    config = PPOConfig(n_envs=1, n_steps=8, batch_size=8, total_steps=8)
     with pytest.raises(PerdureError, match=r"gymnasium:perdure-test-Unpaid-v0: step returned .* rewards \[") as refusal:
-        train(TrainRun("gymnasium:perdure-test-Unpaid-v0", "ppo", config), tmp_path / "out", cores=1)
+        train(TrainRun("gymnasium:perdure-test-Unpaid-v0", "ppo", SHORT), tmp_path / "out", cores=1)
     assert "JAX" not in str(refusal.value)
     gymnasium.registry.pop("perdure-test-Unpaid-v0")
 

@@ -15,11 +15,9 @@ from perdure.envs.vector_env import VectorEnvWorld
 
 SAMPLE = {
     "Hopper-v3",
-    "HalfCheetah-v4",
     "Humanoid-v5",
     "InvertedPendulum-v2",
     "CheetahRun-v1",
-    "HumanoidWalk-v1",
     "HandReach-v3",
     "HandManipulateBlock_ContinuousTouchSensors-v1",
     "perdure/HomePlace-v0",

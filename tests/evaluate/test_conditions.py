@@ -1,5 +1,7 @@
 """Conditions of an evaluation: which there are, what they apply, and several of them in one table."""
 
+from functools import partial
+
 import gymnasium
 import numpy as np
 import polars as pl
@@ -12,6 +14,7 @@ from perdure.envs import make_world, task_spec
 from perdure.envs.disturbances import disturbed_task
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import Extrapolation, evaluate_files, extrapolate
+from perdure.evaluate.reference import measure_idle
 from perdure.report import read_table
 from perdure.report.groups import make_groups
 from perdure.runs import Store
@@ -104,7 +107,8 @@ class Reach(Falling):
         (Reach, lambda seen: np.zeros((len(seen["observation"]), 1)), "a goal"),
     ],
 )
-def test_a_task_with_discrete_actions_or_a_goal_is_calm_and_says_so(env, act, why):
+def test_a_task_with_discrete_actions_or_a_goal_is_calm_and_says_so(env, act, why, monkeypatch):
+    monkeypatch.setattr("perdure.evaluate.reference.measure_idle", partial(measure_idle, steps=20))
     with pytest.warns(PerdureWarning, match=f"standard-1, because .* has {why}"):
         found = extrapolate(act, env, steps=20, eval_seeds=2, training_horizon=10).final()
     assert found["disturbance"].to_list() == ["none"] * 2

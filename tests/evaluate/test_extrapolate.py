@@ -109,7 +109,7 @@ def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        evaluate_files(small, tmp_path, cores=1, observe=die)
+        evaluate_files(small, tmp_path, on="here", observe=die)
     done = set(Store(tmp_path).keys("groups"))
     assert 0 < len(done) < 4
     assert not (tmp_path / "episodes.parquet").exists()

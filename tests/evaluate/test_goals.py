@@ -22,6 +22,7 @@ from perdure.report.schema import GOALS
 from perdure.runs import Store
 from perdure.wrappers import StayAtGoal
 
+pytestmark = pytest.mark.usefixtures("short_idle")
 EPISODES = 20
 
 

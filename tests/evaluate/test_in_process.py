@@ -25,6 +25,7 @@ from perdure.runs import Store
 from perdure.wrappers import HorizonLimit
 
 extrapolate = partial(perdure.extrapolate, disturb="none")
+pytestmark = pytest.mark.usefixtures("short_idle")
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 LARGEST = np.finfo(np.float64).max
 LIMITED = "test/Falling-v0"

@@ -12,6 +12,7 @@ import pytest
 
 from perdure.envs import make_world
 from perdure.errors import PerdureError
+from perdure.evaluate.reference import with_reference
 from perdure.evaluate.watch import BELOW, SUBTITLE, TITLE, Judge, RobotCamera, find_render_env, replay, watch
 from perdure.film import GAP, RED, strip_height
 from perdure.horizon import Constant
@@ -21,6 +22,21 @@ pytest.importorskip("mujoco")
 NOTHING_LEFT, ALWAYS = Constant(0.0), Constant(500.0)
 STEPS, SIZE = 400, (96, 64)
 TOP, BOTTOM = (strip_height([(size, []) for size in sizes]) for sizes in ((TITLE, SUBTITLE), (BELOW,)))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def measured_once(short_idle):
+    """The reference episodes of a task are measured for the first film or judge, and kept."""
+    found = {}
+
+    def measure(policy, source):
+        if policy.task.name not in found:
+            found[policy.task.name] = with_reference(policy, source)
+        return found[policy.task.name]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("perdure.evaluate.watch.with_reference", measure)
+        yield
 
 
 @pytest.fixture(scope="module")

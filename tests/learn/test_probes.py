@@ -119,7 +119,7 @@ def gain(act):
     return total
 
 
-@pytest.mark.parametrize("conditioning", ["concatenate", "film"])
+@pytest.mark.parametrize("conditioning", ["concatenate", pytest.param("film", marks=pytest.mark.verify)])
 def test_a_task_whose_best_action_depends_on_the_time_to_go_is_solved_with_phi(tmp_path, conditioning):
     phi, law = Geometric(4, low=0.5), Fixed(Shares.HORIZON)
     policy, _ = trained(Shares, phi, law, tmp_path, total_steps=512 * 30, conditioning=conditioning)

@@ -139,27 +139,16 @@ def test_disturbances_that_the_task_cannot_have_are_refused_before_anything_is_t
 @pytest.mark.parametrize(
     ("on", "cores"), [("here", 2), pytest.param("local", 1, marks=pytest.mark.verify), ("local", 2)]
 )
-def test_a_seed_between_two_others_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, on, cores):
+def test_a_seed_beside_another_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, on, cores):
     told = []
-    train(run(0, 1, 2), tmp_path, cores=cores, on=on, observe=on_report(run(0, 1, 2), told.append))
-    assert {report.seed for report in told} == {0, 1, 2}
+    train(run(0, 1), tmp_path, cores=cores, on=on, observe=on_report(run(0, 1), told.append))
+    assert {report.seed for report in told} == {0, 1}
     shares = [report.share for report in told]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert files(tmp_path, 1) == files(solo, 1)
-    policies = {files(tmp_path, seed)["policy.safetensors"] for seed in (0, 1, 2)}
-    assert len(policies) == 3, "seeds must differ, or their equality proves nothing"
-
-
-def test_a_seed_in_a_process_whose_run_is_killed_goes_on_from_where_it_was(tmp_path):
-    """Of many segments, so that it is not finished before the kill."""
-    longer = TrainRun(TASK, "geometric", replace(TINY, total_steps=10 * SEGMENT), (1,))
-    with pytest.raises(Killed):
-        train(longer, tmp_path / "killed", on="local", observe=die_at(SEGMENT, 1))
-    assert not (tmp_path / "killed" / longer.key(1)).exists()
-    train(longer, tmp_path / "killed", on="local")
-    train(longer, tmp_path / "whole")
-    assert files(tmp_path / "killed", 1) == files(tmp_path / "whole", 1)
+    policies = {files(tmp_path, seed)["policy.safetensors"] for seed in (0, 1)}
+    assert len(policies) == 2, "seeds must differ, or their equality proves nothing"
 
 
 def test_a_process_that_fails_says_why_and_leaves_no_run(tmp_path):

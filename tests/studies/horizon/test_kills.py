@@ -80,12 +80,6 @@ def whole(tmp_path_factory):
     return out
 
 
-def test_a_killed_study_goes_on_to_the_same_files(whole, tmp_path):
-    out = tmp_path / "study"
-    kill_and_go_on(out, 1, 0, "--on", "here")
-    assert files(out) == files(whole)
-
-
 @pytest.mark.verify
 def test_two_commands_at_once_give_the_same_files(whole, tmp_path):
     out = tmp_path / "study"

@@ -23,12 +23,8 @@ def solve(task, split, numbers, lanes=2):
     return [all(latched(log)) for log in executor.run([episodes[k] for k in numbers])]
 
 
-@pytest.mark.parametrize(
-    ("task", "split", "numbers"),
-    [("set_table", "eval", (40,)), ("prepare_groceries", "val", (7,)), ("tidy_house", "val", (18,))],
-)
-def test_it_solves_a_sample(task, split, numbers):
-    assert all(solve(task, split, numbers))
+def test_it_solves_an_episode():
+    assert solve("tidy_house", "val", (18,)) == [True]
 
 
 @pytest.mark.verify

@@ -1,5 +1,7 @@
 """The executor: open loop, lanes that do not know of each other, and what it writes down."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.simulator import ACTION_SIZE, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.tasks import latch
+from perdure.home.tasks.tasks import TASKS, latch
 
 
 class Idle:
@@ -89,7 +91,9 @@ def test_an_episode_does_not_depend_on_its_neighbors(set_table, solved):
     assert together.runs == solved.runs
 
 
-def test_another_evaluation_seed_is_another_run(set_table, solved):
+def test_another_evaluation_seed_is_another_run(set_table, solved, monkeypatch):
+    for skill in SKILLS:
+        monkeypatch.setattr(SKILLS[skill], "step_limit", 1)
     other = run(Idle(), [set_table[0]], lanes=1, eval_seed=1, settle_steps=1)[0]
     assert not np.allclose(other.history.base[0], solved.history.base[0])
 
@@ -132,11 +136,21 @@ class Holding(Idle):
         return self.patient
 
 
+def until_placed(episode, monkeypatch):
+    """The episode, whose plan ends when the first object is placed."""
+    plan = episode.home_task.skills
+    first = next(k for k, step in enumerate(plan) if step.skill == "place")
+    monkeypatch.setitem(TASKS, "half", replace(episode.home_task, name="half", skills=plan[: first + 1]))
+    return replace(episode, task="half")
+
+
 @pytest.mark.parametrize(("patient", "extra"), [(False, 0), (True, OVERTIME)])
-def test_a_hand_that_never_opens_is_opened_by_force_at_the_time_limit_or_after_the_overtime(set_table, patient, extra):
+def test_a_hand_that_never_opens_is_opened_by_force_at_the_time_limit_or_after_the_overtime(
+    set_table, patient, extra, monkeypatch
+):
     skills = {name: get_skill(name) for name in SKILLS}
     agents = {name: Scripted() if name == "reset_arm" else Oracle() for name in SKILLS} | {"place": Holding(patient)}
-    (log,) = Executor(skills, agents, ExecutorOptions(lanes=1)).run([set_table[0]])
+    (log,) = Executor(skills, agents, ExecutorOptions(lanes=1)).run([until_placed(set_table[0], monkeypatch)])
     run = next(each for each in log.runs if each.skill == "place")
     held = np.asarray(log.history.facts.held)
     assert held[run.begin] == run.target, "the control: the object is in the hand"

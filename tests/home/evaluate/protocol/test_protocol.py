@@ -19,6 +19,7 @@ from perdure.home.evaluate.protocol import (
     run_protocol,
 )
 from perdure.home.sim.scene import SceneOptions
+from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.tasks import get_task
 from perdure.runs import Work
@@ -51,11 +52,19 @@ def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
 ONE = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
 
 
+def hurry(patch):
+    """Let each skill take three steps."""
+    for skill in SKILLS:
+        patch.setattr(SKILLS[skill], "step_limit", 3)
+
+
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
-    """The folder of a run of `ONE`, its logs, and what its observer saw."""
+    """The folder of a hurried run of `ONE`, its logs, and what its observer saw."""
     folder, seen = tmp_path_factory.mktemp("ran"), []
-    logs = run_protocol(ONE, folder, observe=seen.append, command="asked by a test")
+    with pytest.MonkeyPatch.context() as patch:
+        hurry(patch)
+        logs = run_protocol(ONE, folder, observe=seen.append, command="asked by a test")
     return folder, logs, seen
 
 
@@ -83,6 +92,7 @@ def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
         return run(self, episodes)
 
     monkeypatch.setattr(Executor, "run", counted)
+    hurry(monkeypatch)
     see = states.append
     both = [
         threading.Thread(target=run_protocol, args=(ONE, tmp_path), kwargs={"observe": lambda s: see(_states(s))})
@@ -119,7 +129,9 @@ def _say_other_source_made(unit):
     (unit / "unit.json").write_text(json.dumps({**record, "sources": ["another"]}))
 
 
-def test_other_settings_under_the_same_name_are_refused(tmp_path):
+def test_other_settings_under_the_same_name_are_refused(tmp_path, monkeypatch):
+    hurry(monkeypatch)
+
     def protocol(settle_steps):
         options = ExecutorOptions(lanes=1, settle_steps=settle_steps)
         return EvaluationProtocol("set_table", episodes=1, policies={"place": "oracle"}, options=options)
@@ -151,7 +163,8 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
     assert (unusual.name, unusual.folder) == ("ik+ jaws-apart drag", "set_table/val/ik-plus-jaws-apart-drag")
 
 
-@pytest.mark.parametrize("policies", [pytest.param(ORACLES, marks=pytest.mark.verify), {}], ids=["oracle", "learned"])
+@pytest.mark.verify
+@pytest.mark.parametrize("policies", [ORACLES, {}], ids=["oracle", "learned"])
 def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.evaluate.protocol.BLOCK", 1)
     options = ExecutorOptions(lanes=1, settle_steps=2)

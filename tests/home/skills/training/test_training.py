@@ -19,8 +19,9 @@ def policy(tmp_path_factory):
     out = tmp_path_factory.mktemp("runs")
     usual = train.skill_config
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train, "skill_config", lambda *about, **how: replace(usual(*about, **how), n_steps=32))
-        (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=2048, split="val", episodes=2)
+        small = {"n_envs": 4, "n_steps": 32, "batch_size": 128, "n_epochs": 1, "hidden_sizes": (8,)}
+        patch.setattr(train, "skill_config", lambda *about, **how: replace(usual(*about, **how), **small))
+        (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=256, split="val", episodes=2)
     return load_policy(path)
 
 
@@ -95,7 +96,7 @@ def test_a_task_may_need_another_recipe():
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
-        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=2048, split='val', "
+        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=256, split='val', "
         "episodes=2)"
     )
     command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
