@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
 _T = TypeVar("_T")
+MANUAL = "https://github.com/perdure/perdure/blob/main/docs/how-to/any-policy.md"
+"""Page for policies that are not read."""
 
 
 class PerdureError(ValueError):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from perdure.cli.parse import Cores, On, call
-from perdure.cli.show import methods, policies, policy_text, tasks
+from perdure.cli.show import methods, model_text, policies, policy_text, tasks
 from perdure.cli.subjects import is_function, load_function, policy_files
 from perdure.errors import PerdureError
 from perdure.horizon import usual_preset
@@ -181,10 +181,10 @@ def extrapolate(
     report.html and figures. An interrupted command resumes when you run it again.
 
     Args:
-        policies: Policy files, names of shipped policies (`perdure list policies`), model.onnx, model.zip of
-            Stable-Baselines3, a folder of its checkpoints, a run of RL Baselines3 Zoo (logs/ppo/Hopper-v4_1); all for
-            one task. Or a Python function (my_policies:walk): imported from the working directory or PYTHONPATH, run in
-            this process.
+        policies: Policy files, names of shipped policies (`perdure list policies`), model.onnx, rsl_rl's model_1.pt,
+            model.zip of Stable-Baselines3, a folder of its checkpoints, a run of RL Baselines3 Zoo
+            (logs/ppo/Hopper-v4_1); all for one task. Or a Python function (my_policies:walk): imported from the
+            working directory or PYTHONPATH, run in this process.
         env: For models and functions: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
             make it; envpool:Hopper-v5 is EnvPool's, which is faster.
         steps: Steps of each calm episode, or of each under --disturb, unless it ends earlier.
@@ -267,19 +267,20 @@ def import_model(
     training_horizon: TrainingHorizon = None,
     trust: Trust = False,
 ) -> None:
-    """Convert a Stable-Baselines3 or sb3-contrib model to a policy file: PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG.
+    """Convert a model of Stable-Baselines3 or sb3-contrib, or a checkpoint of rsl_rl, to a policy file.
 
     Args:
-        model: The zip that model.save() wrote.
+        model: The zip that model.save() wrote, or model_1500.pt of rsl_rl.
         env: The environment it was trained in. Hopper-v5 is Gymnasium's if Gymnasium can make it; envpool:Hopper-v5 is
             EnvPool's, which is faster.
         out: The file to write.
     """
-    from perdure.policy import Policy, save_policy
+    from perdure.policy import save_policy
+    from perdure.policy.readers import import_file
     from perdure.runs import refuse_replacing
 
     refuse_replacing(out)
-    found = Policy.from_sb3(
+    found = import_file(
         *(model, env),
         normalizer=normalizer,
         time_feature=time_feature,
@@ -464,10 +465,11 @@ def list_names(
 
 
 def inspect(policy: PolicyName) -> None:
-    """Show what a policy file contains."""
+    """Show what a policy file or an ONNX model contains."""
     from perdure.policy import load_policy
+    from perdure.policy.onnx import is_onnx
 
-    print(policy_text(load_policy(policy)))
+    print(model_text(policy) if is_onnx(policy) else policy_text(load_policy(policy)))
 
 
 COMMANDS: dict[str, Callable[..., None]] = {

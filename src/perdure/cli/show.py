@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import shutil
 import textwrap
@@ -82,3 +83,39 @@ def policy_text(subject: Policy) -> str:
     lines = [f"{name:17} {value}" for name, value in rows.items()]
     provenance = {k: v for k, v in subject.provenance.items() if k != "config"}
     return "\n".join([*lines, "", json.dumps(provenance, indent=2)])
+
+
+TABLES = {
+    "joint_names": r"joint_|default_joint_pos|action_scale",
+    "dof_names": r"dof_names|kp|kd",
+    "observation_names": r"observation_",
+}
+"""Names in the metadata of ONNX models (mjlab, holosoma), and what is shown beside them, if there is one of each."""
+ROUNDED = r"(-?\d+\.\d{3}[,;]?)+"
+"""Numbers as mjlab writes them."""
+
+
+def model_text(path: str) -> str:
+    """Return the contents of an ONNX model as text: inputs, outputs, metadata; or why it is not read."""
+    from perdure.errors import PerdureError
+    from perdure.policy.onnx import OnnxModel, metadata
+    from perdure.schema import printable
+
+    notes = {printable(name): printable(value) for name, value in metadata(path).items()}
+    try:
+        rows = OnnxModel.load(path).signature
+    except PerdureError as error:
+        rows = {"not read": str(error)}
+    rounded = ", ".join(name for name, value in notes.items() if re.fullmatch(ROUNDED, value))
+    rows |= {"warning": f"perhaps rounded to three decimals: {rounded}"} if rounded else {}
+    lines = list[str]()
+    for names, beside in TABLES.items():
+        columns = {each: re.findall(r"[^\s,\"\[\]]+", notes[each]) for each in notes if re.match(beside, each)}
+        columns = {each: cells for each, cells in columns.items() if len(cells) == len(columns.get(names, ()))}
+        table = [(each, *columns[each]) for each in sorted(columns, key=lambda each: each != names)]
+        widths = [max(map(len, column)) for column in table]
+        lines += ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*table, strict=True)]
+        lines += [""] if table else []
+        notes = {name: value for name, value in notes.items() if name not in columns}
+    rows |= {name: textwrap.shorten(value, 200) for name, value in notes.items()}
+    return "\n".join([*(f"{name:17} {value}" for name, value in rows.items()), "", *lines]).rstrip()

@@ -23,7 +23,7 @@ def policy_files(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
 ) -> tuple[Path, ...]:
     """Return one file for each policy; models of Stable-Baselines3 are imported once, into a folder of `out`."""
-    from perdure.policy import find_policy
+    from perdure.policy import find_policy, load_policy
     from perdure.policy.onnx import is_onnx
     from perdure.policy.readers import FoundModel, find_models, import_once
 
@@ -33,6 +33,8 @@ def policy_files(
     options = sb3 if any(map(is_onnx, names)) else {"env": env, "training_horizon": horizon, **sb3}
     given = {name: value for name, value in options.items() if value not in (None, False)}
     if given and not any(isinstance(each, FoundModel) for each in found):
+        for name in (each for each in names if not is_onnx(each)):
+            load_policy(name)  # raises what it is, if it is of another library
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise PerdureError(f"{flags}: only for Stable-Baselines3 models; {names[0]} is none")
     files = list[Path]()

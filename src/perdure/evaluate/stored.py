@@ -39,7 +39,7 @@ from perdure.evaluate.table import (
 )
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, check_fit, find_policy, load_policy
-from perdure.policy.onnx import OnnxModel, is_onnx
+from perdure.policy.onnx import OnnxModel, is_onnx, model_digest
 from perdure.policy.reference import resolve_training_horizon
 from perdure.report.schema import SCHEMA_VERSION
 from perdure.runs import (
@@ -50,7 +50,6 @@ from perdure.runs import (
     check_on,
     config_digest,
     core_count,
-    file_digest,
     run_missing,
     write_result,
 )
@@ -87,7 +86,7 @@ def function_policy(
     if isinstance(function, OnnxModel):
         if function.times == ("elapsed",):
             raise PerdureError(f"{name} counts time itself; export it with a constant clock, or with none")
-        horizon = horizon or function.training_horizon
+        horizon, recurrent = horizon or function.training_horizon, bool(function.state)
     world = source.make([FIRST_EVAL_SEED] * (source.lanes or 1))
     spec, spaces = world.spec, world.spaces
     world.close()
@@ -152,7 +151,7 @@ class _PolicyFile:
 
     path: Path
     digest: str
-    """SHA-256 of the file."""
+    """SHA-256 of the file; see `perdure.policy.onnx.model_digest`."""
     identity: str
     """What results depend on besides clock, evaluation seed, steps and versions: the digest of a policy file."""
     policy: PolicyLike
@@ -160,7 +159,7 @@ class _PolicyFile:
 
     def arguments(self) -> dict[str, Any]:
         horizon = int(self.policy.training_horizon) if is_onnx(self.path) else None
-        return {"path": str(self.path.resolve()), "digest": self.digest, "task": self.task, "horizon": horizon}
+        return {"path": str(self.path.absolute()), "digest": self.digest, "task": self.task, "horizon": horizon}
 
     def reference_unit(self, versions: Versions) -> Unit:
         """Return the unit that measures the reference episodes which the file does not hold."""
@@ -174,7 +173,7 @@ def read_file(path: str | Path, digest: str, task: str, horizon: int | None) -> 
 
     Args:
         path: The file.
-        digest: SHA-256 that it must have.
+        digest: Its SHA-256, see `perdure.policy.onnx.model_digest`.
         task: For an ONNX model.
         horizon: Training horizon of an ONNX model in steps; None: its own, or that of the task.
 
@@ -182,7 +181,7 @@ def read_file(path: str | Path, digest: str, task: str, horizon: int | None) -> 
         PerdureError: If the file has changed.
         PerdureError: If it cannot be read.
     """
-    if file_digest(Path(path)) != digest:
+    if model_digest(Path(path)) != digest:
         raise PerdureError(f"{path} has changed since this evaluation began")
     loaded = load(Path(path))
     if isinstance(loaded, Policy):
@@ -209,7 +208,7 @@ def _files(evaluation: Extrapolation) -> list[_PolicyFile]:
         task = task_of_environment(evaluation.env) if model and evaluation.env is not None else ""
         if not path.is_file():
             load(path)  # raises what is wrong
-        digest = file_digest(path)
+        digest = model_digest(path)
         policy = read_file(path, digest, task, evaluation.training_horizon)
         identity = digest
         if model:

@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from perdure.errors import PerdureError, did_you_mean
+from perdure.errors import MANUAL, PerdureError, did_you_mean
 from perdure.horizon import Clock, HorizonProtocol
 from perdure.policy.network import LARGEST_INPUT
 from perdure.policy.policy import Normalizer, Policy, TanhSquash, TaskInfo
@@ -178,7 +178,7 @@ def policy_in_folder(folder: Path) -> Path:
     if len(found) == 1:
         return found[0]
     names = f"{len(found)}: {', '.join(path.name for path in found[:5])}" if found else "none"
-    raise PerdureError(f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}")
+    raise PerdureError(f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}; see {MANUAL}")
 
 
 def policy_in_cache(name: str) -> Path | None:
@@ -290,9 +290,11 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
         size = int.from_bytes(start, "little")
         if start.startswith(b"PK\x03\x04"):
             raise PerdureError(
-                f"{path} is a zip archive. Convert a model of Stable-Baselines3 first: perdure import {path} "
+                f"{path} is a zip archive. Convert a model of Stable-Baselines3 or rsl_rl first: perdure import {path} "
                 "--env Hopper-v5 --out policy.safetensors (in Python: Policy.from_sb3(path, env=...))"
             )
+        if start.startswith(b"\x80") and size > MAX_HEADER:
+            raise PerdureError(f"{path} is a pickle, such as Brax's, and not read: it may run code. See {MANUAL}#brax")
         if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8) or path.stat().st_size > MAX_FILE:
             raise PerdureError(foreign)
         text = file.read(size)
@@ -303,7 +305,7 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
         metadata = header.get("__metadata__") if isinstance(header, dict) else None
         description = metadata.get(FORMAT) if isinstance(metadata, dict) else None
         if not isinstance(metadata, dict) or not isinstance(description, str):
-            raise PerdureError(f"{path} is a safetensors file, but not a perdure policy")
+            raise PerdureError(f"{path} is a safetensors file, but not a perdure policy; LeRobot's: {MANUAL}#lerobot")
         checksum = metadata.get("sha256")
         return description, checksum, start + text + file.read()
 

@@ -1,11 +1,12 @@
-"""Policies as ONNX models: export with `export_onnx`, run any feed-forward model with `OnnxModel`."""
+"""Policies as ONNX models: export with `export_onnx`, run a model of any maker with `OnnxModel`."""
 
 from __future__ import annotations
 
 import io
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
@@ -16,15 +17,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.errors import PerdureError
+from perdure.errors import MANUAL, PerdureError
 from perdure.horizon import Clock, Constant
 from perdure.policy.policy import Policy
-from perdure.runs import read_bounded, write_atomic
+from perdure.runs import config_digest, file_digest, read_bounded, write_atomic
 
-__all__ = ["OnnxModel", "export_onnx", "is_onnx"]
+__all__ = ["OnnxModel", "export_onnx", "is_onnx", "metadata"]
 
 
 Operator = Callable[["Value", Any], "Value"]
+State = dict[str, NDArray[Any]]
+"""Arrays by the names of a model's inputs."""
 OPSET = 17
 IR_VERSION = 8
 """Of onnx 1.12 (2022): what runtimes on robots read as well."""
@@ -32,11 +35,12 @@ DOMAINS = ("", "ai.onnx", "ai.onnx.ml", "com.microsoft")
 """Operators that onnxruntime includes. Any other would need third-party code."""
 TIMES = ("elapsed", "horizon")
 """Names of inputs that hold the time."""
-ACTIONS = ("action", "actions")
+ACTIONS = ("action", "actions", "continuous_actions")
 """Names of the action output if there are several outputs; else the first output is used."""
 TRAINING_HORIZON = "perdure.training_horizon"
 """Metadata that `export_onnx` writes: steps."""
 MAX_BYTES = 500_000_000
+"""Of a model with the weights beside it."""
 CHECKED = 1_000
 """Random observations on which the model's actions are compared with the policy's."""
 TOLERANCE = 5e-6
@@ -60,18 +64,22 @@ def require() -> None:
 
 
 class OnnxModel:
-    """A feed-forward model: observations in, actions out. Reading one runs none of its maker's code.
+    """A model: observations in, actions out. Reading one runs none of its maker's code.
+
+    An input ``X_in`` with an output ``X_out`` of the same shape is a state, zero at first. Outputs besides actions and
+    states are ignored.
 
     Raises:
-        PerdureError: If it is no ONNX model, needs operators or files that are not in it, or has other inputs than
-            one observation and, perhaps, `elapsed` and `horizon`, or its metadata name no horizon of at least 1 step.
+        PerdureError: If it is no ONNX model, needs operators that are not in it or files that are not beside it, or has
+            other inputs than one observation, state and, perhaps, `elapsed` and `horizon`, or its metadata name no
+            horizon of at least 1 step.
     """
 
     def __init__(self, data: bytes, what: str) -> None:
         """Load the model.
 
         Args:
-            data: The file.
+            data: The file, with its weights inside.
             what: Which file it is, for messages.
         """
         require()
@@ -89,43 +97,74 @@ class OnnxModel:
         with redirect_stdout(io.StringIO()):  # it prints before it raises
             self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
         inputs = {each.name: each for each in self._session.get_inputs()}
+        outputs = {each.name: each for each in self._session.get_outputs()}
+        if "time_step" in inputs:  # as mjlab, BeyondMimic and holosoma name it
+            raise PerdureError(
+                f"{what} tracks a motion: its input time_step selects the reference among its outputs "
+                f"({', '.join(outputs)}), which the next observation must contain. Evaluate a Python function that "
+                f"does this and decides what follows the motion's end: {MANUAL}#motion-tracking"
+            )
         self.times: tuple[str, ...] = tuple(name for name in TIMES if name in inputs)
         """Which inputs hold the time."""
         if boolean := [name for name in self.times if inputs[name].type == "tensor(bool)"]:
             raise PerdureError(f"{what}: the input {boolean[0]} must be a number of steps, not tensor(bool)")
-        others = [each for name, each in inputs.items() if name not in TIMES]
+        pairs = {name: f"{name.removesuffix('_in')}_out" for name in inputs if name.endswith("_in")}
+        zeros = {name: (_zeros(inputs[name]), _zeros(outputs[pairs[name]])) for name in pairs if pairs[name] in outputs}
+        self._zero = {name: before for name, (before, after) in zeros.items() if before.shape == after.shape}
+        self.state = {name: pairs[name] for name in self._zero}
+        """Inputs that hold the state of a recurrent policy, each with the output that follows it."""
+        others = [each for name, each in inputs.items() if name not in (*TIMES, *self.state)]
         if len(others) != 1:
             raise PerdureError(
-                f"{what} has the inputs {', '.join(inputs)}; expected are one observation and, for a time-to-go, "
-                "elapsed and horizon"
+                f"{what} has the inputs {', '.join(inputs)}; expected are one observation, for a state X_in with an "
+                "output X_out of the same shape and, for a time-to-go, elapsed and horizon"
             )
         self._input, self._what = others[0], what
         if self._input.shape and self._input.shape[0] == 0:
             raise PerdureError(f"{what} takes batches of 0 observations")
         self._dtype = _dtype(self._input.type)
-        outputs = [each.name for each in self._session.get_outputs()]
-        self._output = next((name for name in ACTIONS if name in outputs), outputs[0])
+        self._types = {name: _dtype(inputs[name].type) for name in self.times}
+        names = [name for name in outputs if name not in self.state.values()]
+        action = next((name for name in ACTIONS if name in names), names[0])
+        self._outputs = [action, *self.state.values()]
         self.__name__ = Path(what).stem
         self.training_horizon = _training_horizon(self._session.get_modelmeta().custom_metadata_map, what)
         """Steps of a training episode, if the model was exported with `export_onnx`; else None."""
 
+    @property
+    def signature(self) -> dict[str, str]:
+        """Return its inputs and outputs with their shapes, and which of them are state and action."""
+        values = {"inputs": self._session.get_inputs(), "outputs": self._session.get_outputs()}
+        rows = {side: ", ".join(f"{each.name} {each.shape}" for each in found) for side, found in values.items()}
+        return rows | {"state": ", ".join(self.state) or "none", "action": self._outputs[0]}
+
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Return the model in a file.
+        """Return the model in a file, with the weights in files beside it.
 
         Raises:
             PerdureError: If there is no such file, or see the class.
         """
-        path = Path(path)
-        if not path.exists():
-            raise PerdureError(f"there is no file {path}")
-        return cls(read_bounded(path, MAX_BYTES), str(path))
+        require()
+        with _refusing(str(path)):
+            data = _whole(Path(path))
+        return cls(data, str(path))
 
-    def __call__(self, observations: Any, **times: NDArray[np.float64]) -> NDArray[Any]:
-        """Return actions for a batch. A row's action does not depend on the other rows, bit for bit: each is run alone.
+    def __call__(
+        self,
+        observations: Any,
+        state: Sequence[State] | None = None,
+        episode_starts: NDArray[np.bool_] | None = None,
+        **times: NDArray[np.float64],
+    ) -> Any:
+        """Return actions for a batch; of a recurrent model (actions, state). See `FunctionPolicy`.
+
+        A row's action does not depend on the other rows, bit for bit: each is run alone.
 
         Args:
             observations: Shape (n, *shape).
+            state: As returned last; None: zeros.
+            episode_starts: Rows that begin with zeros, shape (n,).
             times: `elapsed` and `horizon`, shape (n,), as far as the model has these inputs.
 
         Raises:
@@ -135,11 +174,20 @@ class OnnxModel:
         if set(times) != set(self.times):
             has = " and ".join(self.times) or "no time"
             raise PerdureError(f"{self._what} takes {has}, but was given {' and '.join(times) or 'no time'}")
-        inputs = {each.name: each for each in self._session.get_inputs()}
         feed = {self._input.name: rows}
-        feed |= {name: np.asarray(value, _dtype(inputs[name].type)) for name, value in times.items()}
+        feed |= {name: np.asarray(value, self._types[name]) for name, value in times.items()}
         size = self._input.shape[0] if isinstance(self._input.shape[0], int) else 1
-        return self._run(list(_single_rows(feed, size)))
+        before = [self._zero] * len(rows) if state is None else list(state)
+        for row in () if episode_starts is None else np.flatnonzero(episode_starts):
+            before[row] = self._zero
+        results = self._run([row | each for row, each in zip(_single_rows(feed, size), before, strict=True)])
+        actions = np.concatenate([result[0][:1] for result in results])
+        if not self.state:
+            return actions
+        after = [dict(zip(self.state, result[1:], strict=True)) for result in results]
+        if any(each[name].shape != zero.shape for each in after for name, zero in self._zero.items()):
+            raise PerdureError(f"{self._what}: its state must keep its shape, but it grows or shrinks")
+        return actions, after
 
     def _shaped(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Return observations in the model's own shape and dtype."""
@@ -164,15 +212,15 @@ class OnnxModel:
         if not held:
             raise PerdureError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
 
-    def _run(self, feeds: list[dict[str, NDArray[Any]]]) -> NDArray[Any]:
+    def _run(self, feeds: list[State]) -> list[list[NDArray[Any]]]:
         """Run the model on each feed in another thread, so that an interruption ends a loop that does not end."""
         import onnxruntime
 
         options = onnxruntime.RunOptions()
         options.log_severity_level = 4
 
-        def rows() -> NDArray[Any]:
-            return np.concatenate([self._session.run([self._output], feed, options)[0][:1] for feed in feeds])
+        def rows() -> list[list[NDArray[Any]]]:
+            return [self._session.run(self._outputs, feed, options) for feed in feeds]
 
         with _refusing(self._what):
             try:
@@ -196,7 +244,12 @@ def _refusing(what: str) -> Iterator[None]:
         raise PerdureError(f"{what} cannot be run by onnxruntime: {text or type(error).__name__}") from None
 
 
-def _single_rows(feed: dict[str, NDArray[Any]], size: int) -> Iterator[dict[str, NDArray[Any]]]:
+def _zeros(value: Any) -> NDArray[Any]:
+    """Return the state of one episode at its start; an open dimension, wherever it is, counts episodes."""
+    return np.zeros([size if isinstance(size, int) else 1 for size in value.shape], _dtype(value.type))
+
+
+def _single_rows(feed: State, size: int) -> Iterator[State]:
     """Yield each row of the feed, repeated to fill a batch of the size that the model asks for."""
     for row in range(len(next(iter(feed.values())))):
         yield {name: values[[row] * size] for name, values in feed.items()}
@@ -225,15 +278,84 @@ def _dtype(kind: str) -> Any:
     return names[name]
 
 
-def _check(data: bytes, what: str) -> None:
-    """Refuse what is no model, or needs code or files from elsewhere."""
+def metadata(path: str | Path) -> dict[str, str]:
+    """Return what the exporter of a model wrote beside its graph (`metadata_props`), by name. Runs nothing.
+
+    Raises:
+        PerdureError: If there is no such file, it is no ONNX model, or onnx is not installed.
+    """
+    require()
+    return {each.key: each.value for each in _parse(_read(path), str(path)).metadata_props}
+
+
+def model_digest(path: Path) -> str:
+    """Return the SHA-256 of a file; of an ONNX model with weights in files beside it that of all their digests.
+
+    Raises:
+        PerdureError: If it is named as an ONNX model and is none, or such a file is missing.
+    """
+    if not is_onnx(path):
+        return file_digest(path)
+    require()
+    with _refusing(str(path)):
+        beside = sorted({_beside(tensor, path) for tensor in _outside(_parse(_read(path), str(path)))})
+    digests = [file_digest(each) for each in (path, *beside)]
+    return config_digest({"files": digests}) if beside else digests[0]
+
+
+def _whole(path: Path) -> bytes:
+    """Return a model with the weights that lie in files beside it."""
+    data = _read(path)
+    model, files, total = _parse(data, str(path)), dict[Path, bytes](), len(data)
+    for tensor in _outside(model):
+        file, place = _beside(tensor, path), {each.key: each.value for each in tensor.external_data}
+        content = files[file] = files.get(file) or read_bounded(file, MAX_BYTES)
+        start = int(place.get("offset", 0))
+        length = int(place.get("length", len(content) - start))
+        total += length
+        if not 0 <= start <= start + length <= len(content) or total > MAX_BYTES:
+            raise PerdureError(f"{path} and {file.name} do not fit together, or exceed {MAX_BYTES:,} bytes")
+        tensor.raw_data = content[start : start + length]
+        tensor.ClearField("data_location")
+        tensor.ClearField("external_data")
+    return model.SerializeToString() if files else data
+
+
+def _outside(model: Any) -> list[Any]:
+    """Return the tensors whose numbers are in another file."""
+    tensors = [tensor for graph in _graphs(model) for tensor in _tensors(graph)]
+    return [tensor for tensor in tensors if tensor.data_location == tensor.EXTERNAL]
+
+
+def _beside(tensor: Any, path: Path) -> Path:
+    """Return the file that holds the numbers of a tensor."""
+    name = next((each.value for each in tensor.external_data if each.key == "location"), "")
+    if name in ("", ".", "..") or re.search(r"[/\\:\0]", name):
+        raise PerdureError(f"{path} keeps weights in {name[:100]!r}; only a file in the model's own folder is read")
+    if not (path.parent / name).is_file():
+        raise PerdureError(f"{path} keeps weights in {name}, which is not beside it: copy both files")
+    return path.parent / name
+
+
+def _read(path: str | Path) -> bytes:
+    if not Path(path).exists():
+        raise PerdureError(f"there is no file {path}")
+    return read_bounded(path, MAX_BYTES)
+
+
+def _parse(data: bytes, what: str) -> Any:
     import onnx
     from google.protobuf.message import DecodeError
 
     try:
-        model = onnx.load_model_from_string(data)
+        return onnx.load_model_from_string(data)
     except (DecodeError, ValueError, RecursionError):
         raise PerdureError(f"{what} is not an ONNX model, or its end is missing") from None
+
+
+def _check(data: bytes, what: str) -> None:
+    """Refuse what is no model, or needs code or files from elsewhere."""
+    model = _parse(data, what)
     if not model.graph.node or not model.opset_import:
         raise PerdureError(f"{what} is not an ONNX model: it has no operators")
     domains = {node.domain for graph in _graphs(model) for node in graph.node}
@@ -243,9 +365,8 @@ def _check(data: bytes, what: str) -> None:
             f"{what} uses operators of {', '.join(foreign)}, which onnxruntime has only with a library of their own; "
             "such libraries are not loaded"
         )
-    external = onnx.TensorProto.EXTERNAL
-    if any(tensor.data_location == external for graph in _graphs(model) for tensor in _tensors(graph)):
-        raise PerdureError(f"{what} keeps weights in another file; save it as one file")
+    if _outside(model):
+        raise PerdureError(f"{what} keeps weights in another file: load it by its path (OnnxModel.load)")
 
 
 def _graphs(model: Any) -> Iterator[Any]:

@@ -225,13 +225,6 @@ class TestModelsOfOtherMakers:
         with pytest.raises(PerdureError, match=r"operators of evil\.ops"):
             OnnxModel.load(path)
 
-    def test_weights_in_another_file_are_refused(self, tmp_path):
-        path = self.linear(tmp_path / "theirs.onnx")
-        model = onnx.load(path)
-        onnx.save(model, path, save_as_external_data=True, location="weights.bin", size_threshold=0)
-        with pytest.raises(PerdureError, match="keeps weights in another file"):
-            OnnxModel.load(path)
-
     @pytest.mark.parametrize("place", ["initializer", "attribute"])
     def test_sparse_weights_in_another_file_are_refused(self, tmp_path, place):
         values = TensorProto(name="W", data_type=TensorProto.FLOAT, dims=[2], data_location=TensorProto.EXTERNAL)

@@ -13,7 +13,8 @@ from gymnasium.envs.classic_control import PendulumEnv
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Countdown, Fixed, TimeFeature
 from perdure.policy import Policy, load_policy
-from perdure.policy.readers import import_once, is_sb3_zip
+from perdure.policy.readers import import_once
+from perdure.policy.readers.sb3 import is_sb3_zip
 from perdure.policy.readers.trusted import load_sb3
 
 ALGORITHMS = {

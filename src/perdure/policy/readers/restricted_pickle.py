@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.errors import PerdureError
+from perdure.errors import MANUAL, PerdureError
 
 PERSISTENT = "persistent id"
 """Function name of a `Stub` that stands for an object kept outside the pickle."""
@@ -89,8 +89,8 @@ class _Reader(_Unpickler):  # type: ignore[misc]
         path = f"{module}.{name}"
         if path not in self._allowed:
             raise PerdureError(
-                f"{self._what} asks for the Python object {path[:100]!r}, which was not run; if you trust the file, "
-                "give --trust (trust=True in Python)"
+                f"{self._what} asks for the Python object {path[:100]!r}, which was not run; if it is a model of "
+                "Stable-Baselines3 that you trust, give --trust (trust=True in Python)"
             )
         return self._stub(path)
 
@@ -254,7 +254,7 @@ ALLOWED = {"collections.OrderedDict", "torch.Size", _REBUILD, *_STORAGES, *_OTHE
 
 
 class TorchState:
-    """The tensors of a state dict, by name; the numbers of a tensor are read when it is asked for.
+    """The tensors of a state dict, or of those in a dict, as "KEY.NAME"; numbers are read when they are asked for.
 
     `torch.save` (since version 1.6) writes a zip archive: a pickle that describes the tensors, and one member with the
     raw numbers of each storage.
@@ -264,7 +264,7 @@ class TorchState:
         """Read the description of the tensors.
 
         Args:
-            data: What `torch.save(module.state_dict(), ...)` wrote.
+            data: What `torch.save` wrote of `module.state_dict()`, or of a dict of these.
             what: Which file it is, for messages.
 
         Raises:
@@ -282,10 +282,17 @@ class TorchState:
         self._folder = descriptions[0].removesuffix("data.pkl")
         if f"{self._folder}byteorder" in self._members.names and self._read("byteorder", 100) != b"little":
             raise PerdureError(f"{what} was written on a big-endian machine, which is not read")
+        if f"{self._folder}constants.pkl" in self._members.names:
+            raise PerdureError(f"{what} is TorchScript, which is code and not run; use ONNX: {MANUAL}#torchscript")
         state = read_pickle(self._read("data.pkl", MAX_DESCRIPTION), ALLOWED, what)
-        if not (isinstance(state, Stub) and state.function == "collections.OrderedDict" and not state.arguments):
+        parts = {f"{name}.": each for name, each in state.items()} if isinstance(state, dict) else {"": state}
+        self._tensors = {
+            part + str(name): tensor
+            for part, each in parts.items()
+            for name, tensor in (each.items.items() if isinstance(each, Stub) else ())
+        }
+        if not self._tensors:
             raise PerdureError(f"{what} is not a state dict of PyTorch")
-        self._tensors = {str(name): tensor for name, tensor in state.items.items()}
 
     @property
     def names(self) -> list[str]:

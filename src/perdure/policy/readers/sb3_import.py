@@ -102,6 +102,18 @@ def import_sb3(
     return replace(policy, reference=measure_reference(policy)) if measure else policy
 
 
+def import_file(path: Path, env: str, **options: Any) -> Policy:
+    """Return what `import_sb3` returns or, for a file named .pt, `import_rsl_rl`; options are those of `import_sb3`."""
+    from perdure.policy.readers.checkpoints import import_rsl_rl
+
+    if path.suffix.lower() != ".pt":
+        return import_sb3(path, env, **options)
+    horizon = options.pop("training_horizon", None)
+    if given := [f"--{name.replace('_', '-')}" for name, value in options.items() if value not in (None, False)]:
+        raise PerdureError(f"{', '.join(given)}: only for Stable-Baselines3 models; {path} is none")
+    return import_rsl_rl(path, env, training_horizon=horizon)
+
+
 def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     """Return the file in `folder` that holds the imported policy; import it only if it is not there yet.
 
@@ -124,6 +136,8 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     }
     source = task_source_digest(identity["env"])
     identity |= {"source": source} if source else {}
+    if (agent := path.parent / "params" / "agent.yaml").is_file():
+        identity["agent"] = file_digest(agent)
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     target = folder / f"{path.stem}-{digest[:12]}.safetensors"
     try:
@@ -132,7 +146,7 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
             return target
     except PerdureError:
         pass  # damaged: it is made again
-    policy = import_sb3(path, env, **options)
+    policy = import_file(path, env, **options)
     folder.mkdir(parents=True, exist_ok=True)
     return save_policy(policy, target)
 
@@ -351,12 +365,13 @@ _PAIR = re.compile(r"^(?:- |  )- - (\w+)\n    - (.*(?:\n {6}.*)*)", re.MULTILINE
 def find_models(path: Path, tell: Callable[[str], None] = lambda sentence: None) -> list[FoundModel]:
     """Return the models that a path means: a zip; in a folder every zip, checkpoints by their steps.
 
-    A run of RL Baselines3 Zoo, `ENV_1/`, holds its settings in `ENV/`. It means `ENV.zip`, else `best_model.zip`, else
-    its checkpoints. `tell` gets a sentence on what a folder holds and what is taken.
+    A run of RL Baselines3 Zoo, `ENV_1/`, holds its settings in `ENV/`, on Hugging Face beside the zip. It means
+    `ENV.zip`, else `best_model.zip`, else its checkpoints. `tell` gets a sentence on what is there and what is taken.
     """
     if path.is_file():
         return [_found(path, _settings_of(path.parent))] if is_sb3_zip(path) else []
-    if not (zips := list(path.glob("*.zip"))) or any(path.glob("*.safetensors")):
+    zips = [each for each in path.glob("*.zip") if each.name != "train_eval_metrics.zip"]  # Hugging Face: RL Zoo's log
+    if not zips or any(path.glob("*.safetensors")):
         return []
     zips.sort(key=lambda each: (int(found[2]) if (found := _CHECKPOINT.fullmatch(each.stem)) else 0, each.name))
     settings = _settings_of(path)
@@ -368,8 +383,9 @@ def find_models(path: Path, tell: Callable[[str], None] = lambda sentence: None)
 
 
 def _settings_of(folder: Path) -> Path | None:
-    """Return the folder with the settings of a run of RL Baselines3 Zoo; None for any other folder."""
-    found = [each.parent for each in folder.glob("*/args.yml") if each.with_name("config.yml").is_file()]
+    """Return the folder with the settings of a run of RL Baselines3 Zoo, perhaps the same; None for other folders."""
+    places = (folder / "args.yml", *folder.glob("*/args.yml"))
+    found = [each.parent for each in places if each.is_file() and each.with_name("config.yml").is_file()]
     return found[0] if len(found) == 1 else None
 
 
@@ -385,7 +401,7 @@ def _found(path: Path, folder: Path | None) -> FoundModel:
     """Return a model with what the settings in a folder say."""
     step = _CHECKPOINT.fullmatch(path.stem)
     places = [path.with_name(f"{step[1]}_vecnormalize_{step[2]}_steps.pkl")] if step else []
-    places += [] if folder is None else [folder / "vecnormalize.pkl"]
+    places += [] if folder is None else [folder / "vec_normalize.pkl", folder / "vecnormalize.pkl"]
     normalizer = next((str(each) for each in places if each.is_file()), None)
     if folder is None:
         return FoundModel(path, normalizer=normalizer)
