@@ -7,6 +7,7 @@ their order at 5 %; the first that fails ends the decisions.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -67,7 +68,7 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     runs, rows, ended = _runs(episodes), [], False
     for number, claim in enumerate(CLAIMS, 1):
         sides = {
-            task: tuple(_values(part, claim, method) for method in (claim.left, claim.right))
+            task: (_values(part, claim, claim.left), _values(part, claim, claim.right))
             for (task,), part in sorted(runs.filter(condition=claim.condition).group_by("task"))
         }
         complete = len(sides) == 3 and all(len(side) == 10 for pair in sides.values() for side in pair)
@@ -110,7 +111,7 @@ def _values(part: pl.DataFrame, claim: Claim, method: str) -> FloatArray:
     return part.filter(method=method)[claim.measure].to_numpy().astype(np.float64)
 
 
-def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides]) -> dict[str, object]:
+def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides]) -> dict[str, Any]:
     pairs, rng = list(sides.values()), np.random.default_rng(number)
     drawn = sum(_resampled(left, rng) - _resampled(right, rng) for left, right in pairs) / len(pairs)
     low, lower, high = np.quantile(drawn, (0.025, LEVEL, 0.975))
