@@ -1,13 +1,14 @@
 """Robots with a known answer: reward traces within the training horizon and far beyond it.
 
-`ROBOTS` are several episodes of one policy. `CHOSEN_ON` are the cases on which thresholds and windows were tried.
+`ROBOTS` are several episodes of one policy, by what is hard about them. `CHOSEN_ON` are the cases on which thresholds
+and windows were tried.
 `LABELED` are others, looked at only afterwards; they use other rates, offsets, periods and seeds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -47,7 +48,7 @@ class Case:
     ends: int | None = None
     reason: str = "survived"
     at_goal: bool = False
-    """Its last step is a success."""
+    """Its last step is a success, the first one."""
     falls_within: int | None = None
     """Step at which its reference episodes end."""
 
@@ -294,25 +295,24 @@ class Robots:
         labels |= {"clock": self.clock, "clock_kind": kind, "clock_steps": float(number or math.nan), "end_detail": ""}
         labels |= {"not_applied": "", "step_seconds": 0.036, "movement_first": 0.3}
         labels |= {name: getattr(scale, name) for name in RATES}
-        rows = []
+        rows, has_goal = [], any(case.at_goal for case in (*self.episodes, *self.disturbed))
         for disturbance, cases in (("none", self.episodes), ("standard-1", self.disturbed)):
             for seed, case in enumerate(cases):
                 steps, returns, end, reason = case.episode()
                 moved = self.movement[seed] if self.movement and disturbance == "none" else 0.3
                 mine = labels | {"eval_seed": seed, "disturbance": disturbance, "test_horizon": case.steps}
-                mine |= {
-                    "end_step": end,
-                    "end_reason": reason,
-                    "movement_last": moved,
-                    **dict.fromkeys(GOALS, math.nan),
-                }
-                mine |= asdict(judge_episode(steps, returns, end, reason, scale))
+                goals = (end, 1.0, 1.0) if case.at_goal else GOALS.values() if has_goal else (math.nan,) * 3
+                mine |= {"end_step": end, "end_reason": reason, "movement_last": moved}
+                mine |= dict(zip(GOALS, goals, strict=True))
+                mine |= asdict(judge_episode(steps, returns, end, reason, scale, case.at_goal))
                 lives = reason == "survived"
                 rows += [
                     mine | {"step": int(step), "return": total, "alive": lives or step < end}
                     for step, total in zip(steps, returns, strict=True)
                 ]
-        return pl.DataFrame(rows).select(pl.col(name).cast(kind) for name, kind in COLUMNS.items())
+        return pl.DataFrame(rows, infer_schema_length=None).select(
+            pl.col(name).cast(kind) for name, kind in COLUMNS.items()
+        )
 
 
 def several(count: int, case: Case, **changes: Any) -> tuple[Case, ...]:
@@ -320,11 +320,14 @@ def several(count: int, case: Case, **changes: Any) -> tuple[Case, ...]:
     return tuple(replace(case, name=f"{case.name} {k}", **changes) for k in range(count))
 
 
-def falling(steps: tuple[int, ...], case: Case) -> tuple[Case, ...]:
+def ending(steps: Sequence[int], case: Case) -> tuple[Case, ...]:
+    """Return a case once for each step at which it ends."""
+    return tuple(replace(each, ends=at) for at, each in zip(steps, several(len(steps), case), strict=True))
+
+
+def falling(steps: Sequence[int], case: Case) -> tuple[Case, ...]:
     """Return a case once for each step at which it falls."""
-    return tuple(
-        replace(each, ends=at, reason="terminated") for at, each in zip(steps, several(len(steps), case), strict=True)
-    )
+    return ending(steps, replace(case, reason="terminated"))
 
 
 def uneven(low: float, high: float) -> Rewards:
@@ -338,82 +341,166 @@ NOISY = replace(WALKS, within=uneven(-3.0, 8.0))
 NEVER = replace(WALKS, within=steady(3.0), falls_within=300)
 IDLE_BEFORE = replace(WALKS, beyond=LIES)
 
-ROBOTS = (
-    Robots(
-        "falls within its horizon, as in training",
-        "falls",
-        "ppo: falls within its own training horizon in 8 of 8 episodes: train longer",
-        falling((300, 280, 290, 310, 305, 295, 301, 299), NEVER),
-    ),
-    Robots(
-        "falls within its horizon, deployed alone",
-        "falls",
-        "falls within its own training horizon in 3 of 4 episodes: train longer",
-        falling((600, 700, 900, 4000), WALKS),
-    ),
-    Robots(
-        "falls within its horizon under a clock that it was not trained with",
-        "falls",
-        "falls within its own training horizon in 4 of 4 episodes",
-        falling((600, 700, 900, 800), WALKS),
-        clock="constant(0)",
-    ),
-    Robots("falls later", "falls", "ppo: falls in 4 of 4 episodes", falling((1001, 3000, 2000, 4000), WALKS)),
-    Robots(
-        "noisy reference, some fall and some lie",
-        "cannot tell",
-        "cannot tell in 5 of 8 episodes: 3 of 8 fall at steps 200 to 900, 5 of 8 lie nearly motionless since "
-        "step 4,000",
-        (
-            *falling((900, 200, 400), NOISY),
-            *several(5, replace(NOISY, beyond=switch(4000, steady(3.0), LIES))),
-        ),
-        movement=(math.nan,) * 3 + (0.001,) * 5,
-    ),
-    Robots(
-        "noisy reference, most fall",
-        "falls",
-        "falls in 3 of 4 episodes",
-        (*falling((2000, 3000, 4000), NOISY), *several(1, NOISY)),
-    ),
-    Robots(
-        "coinciding episodes",
-        "holds",
-        "in 10 of 10 episodes; score against its own training at the end: 1.00; 10 start states behave as one",
-        several(10, EXACT),
-    ),
-    Robots(
-        "start states that differ",
-        "holds",
-        "in 10 of 10 episodes (95 % interval 69 % to 100 %); score",
-        tuple(replace(each, beyond=steady(2.9 + 0.04 * k, 0.0)) for k, each in enumerate(several(10, EXACT))),
-    ),
-    Robots(
-        "disturbed: half fall by step 600",
-        "holds",
-        "ppo: holds when calm; under standard-1 half of the episodes fail by step 600",
-        several(3, EXACT),
-        (*falling((300, 600), WALKS), *several(2, WALKS)),
-    ),
-    Robots(
-        "disturbed: holds",
-        "holds",
-        "ppo: holds for 10,000 steps when calm and for 10,000 under standard-1",
-        several(3, EXACT),
-        several(4, WALKS),
-    ),
-    Robots(
-        "disturbed: some fall",
-        "holds",
-        "under standard-1 falls in 1 of 4 episodes",
-        several(3, EXACT),
-        (*falling((5000,), WALKS), *several(3, WALKS)),
-    ),
-    Robots(
-        "idle, then falls",
-        "falls",
-        "ppo: idle from the start; all 4 fall at step 9,980",
-        falling((9980,) * 4, IDLE_BEFORE),
-    ),
+REACHES = Case(
+    "reaches", "reaches its goal", steady(-1.0, 0.0), idle=-1.0, steps=200, reason="terminated", at_goal=True
 )
-"""Truth about all episodes of a policy together."""
+MISSES = replace(REACHES, reason="survived", at_goal=False)
+LIMIT = "every episode ends at step {}: the environment may report its time limit as a termination"
+LIMITED = replace(WALKS, ends=T, reason="terminated", falls_within=T)
+
+ROBOTS = {
+    "falls within the horizon": (
+        Robots(
+            "as in training",
+            "falls",
+            "ppo: falls within its own training horizon in 8 of 8 episodes: train longer",
+            falling((300, 280, 290, 310, 305, 295, 301, 299), NEVER),
+        ),
+        Robots(
+            "deployed alone",
+            "falls",
+            "falls within its own training horizon in 3 of 4 episodes: train longer",
+            falling((600, 700, 900, 4000), WALKS),
+        ),
+        Robots(
+            "under a clock that it was not trained with",
+            "falls",
+            "falls within its own training horizon in 4 of 4 episodes",
+            falling((600, 700, 900, 800), WALKS),
+            clock="constant(0)",
+        ),
+        Robots("later", "falls", "ppo: falls in 4 of 4 episodes", falling((1001, 3000, 2000, 4000), WALKS)),
+    ),
+    "noisy reference": (
+        Robots(
+            "some fall and some lie",
+            "cannot tell",
+            "cannot tell in 5 of 8 episodes: 3 of 8 fall at steps 200 to 900, 5 of 8 lie nearly motionless since "
+            "step 4,000",
+            (
+                *falling((900, 200, 400), NOISY),
+                *several(5, replace(NOISY, beyond=switch(4000, steady(3.0), LIES))),
+            ),
+            movement=(math.nan,) * 3 + (0.001,) * 5,
+        ),
+        Robots(
+            "most fall",
+            "falls",
+            "falls in 3 of 4 episodes",
+            (*falling((2000, 3000, 4000), NOISY), *several(1, NOISY)),
+        ),
+        Robots(
+            "all move", "cannot tell", "cannot tell in 6 of 6 episodes: all 6 move until the end", several(6, NOISY)
+        ),
+    ),
+    "coinciding episodes": (
+        Robots(
+            "hold",
+            "holds",
+            "in 10 of 10 episodes; score against its own training at the end: 1.00; 10 start states behave as one",
+            several(10, EXACT),
+        ),
+        Robots(
+            "start states that differ",
+            "holds",
+            "in 10 of 10 episodes (95 % interval 69 % to 100 %); score",
+            tuple(replace(each, beyond=steady(2.9 + 0.04 * k, 0.0)) for k, each in enumerate(several(10, EXACT))),
+        ),
+        Robots(
+            "lie down together",
+            "fails silently",
+            "fails silently in 10 of 10 episodes; since step 4,000; 10 start states behave as one",
+            several(10, replace(EXACT, beyond=switch(4000, steady(3.0, 0.0), steady(1.0, 0.0)))),
+        ),
+    ),
+    "disturbed": (
+        Robots(
+            "half fall by step 600",
+            "holds",
+            "ppo: holds when calm; under standard-1 half of the episodes fail by step 600",
+            several(3, EXACT),
+            (*falling((300, 600), WALKS), *several(2, WALKS)),
+        ),
+        Robots(
+            "holds",
+            "holds",
+            "ppo: holds for 10,000 steps when calm and for 10,000 under standard-1",
+            several(3, EXACT),
+            several(4, WALKS),
+        ),
+        Robots(
+            "some fall",
+            "holds",
+            "under standard-1 falls in 1 of 4 episodes",
+            several(3, EXACT),
+            (*falling((5000,), WALKS), *several(3, WALKS)),
+        ),
+        Robots(
+            "loses half of its speed",
+            "holds",
+            "ppo: holds when calm; under standard-1 half of the episodes fail from the start",
+            several(3, EXACT),
+            several(4, replace(WALKS, beyond=steady(2.0))),
+        ),
+        Robots(
+            "lies down",
+            "holds",
+            "ppo: holds when calm; under standard-1 half of the episodes fail by step 2,000",
+            several(3, EXACT),
+            several(4, replace(WALKS, beyond=switch(2000, steady(3.0), LIES))),
+        ),
+        Robots(
+            "falls calm and disturbed",
+            "falls",
+            "ppo: when calm falls in 4 of 4 episodes; under standard-1 half of the episodes fail by step 700",
+            falling((3000, 4000, 5000, 6000), WALKS),
+            falling((500, 700, 900, 1100), WALKS),
+        ),
+    ),
+    "ends at its goal": (
+        Robots(
+            "all but one in time",
+            "reaches its goal",
+            "reaches its goal in 19 of 20 episodes, after 40 steps (median, 1.44 s)",
+            (*ending(range(31, 50), REACHES), *several(1, MISSES)),
+        ),
+        Robots(
+            "most fall before it",
+            "falls",
+            "falls within its own training horizon in 7 of 10 episodes: train longer; half of the episodes have failed "
+            "by step 14; reaches its goal in 3 of 10 episodes, after 41 steps",
+            (*ending((40, 41, 42), REACHES), *falling(range(10, 17), MISSES)),
+        ),
+        Robots(
+            "misses it when disturbed",
+            "reaches its goal",
+            "under standard-1 misses its goal in 3 of 4 episodes",
+            ending((40, 41, 42, 43), REACHES),
+            (*ending((90,), REACHES), *several(3, MISSES)),
+        ),
+    ),
+    "time limit as termination": (
+        Robots("at the training horizon", "falls", LIMIT.format("1,000"), several(8, LIMITED)),
+        Robots(
+            "within the training horizon",
+            "falls",
+            LIMIT.format("400"),
+            several(8, replace(LIMITED, ends=400, falls_within=400)),
+        ),
+        Robots(
+            "beyond the training horizon",
+            "falls",
+            LIMIT.format("5,000"),
+            several(8, replace(LIMITED, ends=5000, falls_within=None)),
+        ),
+    ),
+    "exact ends": (
+        Robots(
+            "idle, then falls",
+            "falls",
+            "ppo: idle from the start; all 4 fall at step 9,980",
+            falling((9980,) * 4, IDLE_BEFORE),
+        ),
+    ),
+}
+"""Truth about all episodes of a policy together, by what is hard about it."""

@@ -7,6 +7,7 @@ import sys
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
+import polars as pl
 import pytest
 from probes import Falling
 
@@ -118,7 +119,8 @@ def test_without_the_library_the_message_names_it(monkeypatch):
 
 
 @pytest.mark.verify
-def test_stable_baselines3_takes_it(tmp_path):
+def test_ppo_of_stable_baselines3_logs_its_verdict(tmp_path):
+    """Two environments of 256 steps an iteration: 4,096 steps are eight iterations."""
     pytest.importorskip("stable_baselines3")
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
@@ -127,12 +129,16 @@ def test_stable_baselines3_takes_it(tmp_path):
 
     import perdure
 
-    model = PPO("MlpPolicy", VecNormalize(make_vec_env("Pendulum-v1", 2)), n_steps=64, seed=0, device="cpu")
+    model = PPO("MlpPolicy", VecNormalize(make_vec_env("Pendulum-v1", 2)), n_steps=256, seed=0, device="cpu")
     model.set_logger(configure(str(tmp_path), ["csv"]))
-    callback = perdure.VerdictCallback(
-        "Pendulum-v1", every_steps=200, steps=100, eval_seeds=2, disturb=["action_noise:0.1"]
-    )
-    model.learn(256, callback=[callback])
-    text = (tmp_path / "progress.csv").read_text()
-    assert "perdure/holds_disturbed" in text.splitlines()[0]
-    assert callback.result.frame["step"].max() == 100
+    options = {"steps": 300, "eval_seeds": 2, "disturb": "action_noise:0.1"}
+    callback = perdure.VerdictCallback("Pendulum-v1", every_steps=2000, **options)
+    model.learn(4096, callback=callback)
+    rows, final = pl.read_csv(tmp_path / "progress.csv"), callback.result.final()
+    assert rows["time/total_timesteps"].drop_nulls().to_list() == list(range(512, 4097, 512))
+    assert rows["train/loss"].is_not_null().any(), "what the library logs itself is still there"
+    logged = rows.filter(pl.col("perdure/holds_disturbed").is_not_null())
+    assert len(logged) == 4, "before the first step, after 2,000 and 4,000, and at the end"
+    assert logged["perdure/holds_disturbed"][-1] == (final["outcome"] == "holds").mean()
+    assert logged["perdure/mean_return_disturbed"][-1] == pytest.approx(final["return"].mean())
+    assert final["end_step"].to_list() == [300, 300]

@@ -1,6 +1,7 @@
 """Tasks with a goal: what is recorded of successes, and the verdict where a reached goal ends the episode."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import gymnasium
@@ -15,7 +16,7 @@ from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, GoalRecorder
 from perdure.evaluate.table import TABLE
-from perdure.policy import TaskInfo, save_policy
+from perdure.policy import TaskInfo, measure_reference, save_policy
 from perdure.report import estimate_table, write_report
 from perdure.report.estimates import advice, headline
 from perdure.report.schema import GOALS
@@ -224,6 +225,27 @@ class TestANamedInfo:
         assert [first("late"), first("late")] == [[5.0, 5.0], [5.0, 5.0]]
         assert len(Store(tmp_path / "out").keys("groups")) == 2
 
+    @pytest.mark.parametrize("stored", [False, True])
+    @pytest.mark.parametrize("in_process", [False, True])
+    def test_tells_falls_from_successes_within_the_training_horizon_too(self, tmp_path, stored, in_process):
+        """All reference episodes end at step 5 of 10, with "late" true and "success" false."""
+        if "test/Ending-v0" not in gymnasium.registry:
+            gymnasium.register("test/Ending-v0", Ending, max_episode_steps=10)
+        policy = policy_for(TaskInfo("gymnasium:test/Ending-v0", 1, (-1.0,), (1.0,)))
+        policy = replace(policy, reference=measure_reference(policy)) if stored else policy
+        assert not stored or policy.reference.terminated.all()
+        path = save_policy(policy, tmp_path / "p.safetensors")
+
+        def falls(success):
+            asked = {"steps": 20, "eval_seeds": 2, "disturb": ("none",), "success": success}
+            if in_process:
+                return perdure.extrapolate(policy, **asked).final()["training_falls"].to_list()
+            return (
+                evaluate_files(Extrapolation((path,), **asked), on="here", cores=1).final()["training_falls"].to_list()
+            )
+
+        assert (falls(None), falls("late")) == ([1.0, 1.0], [0.0, 0.0])
+
     def test_is_refused_where_an_engine_has_no_infos(self):
         with pytest.raises(PerdureError, match="EnvPool's tasks have none"):
             perdure.extrapolate("Hopper-v3/geometric", steps=5, success="is_success", on="here", disturb="none")
@@ -243,3 +265,11 @@ class Scored(gymnasium.Env):
     def step(self, action):
         self.steps += 1
         return np.zeros(1), 0.0, False, False, {"success": self.steps >= 2, "late": self.steps >= 5}
+
+
+class Ending(Scored):
+    """Ends at step 5 and says so under another name."""
+
+    def step(self, action):
+        observation, reward, *_ = super().step(action)
+        return observation, reward, self.steps >= 5, False, {"success": False, "late": self.steps >= 5}

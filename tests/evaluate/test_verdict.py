@@ -42,7 +42,9 @@ def test_labeled_cases(case):
     assert found(case) == case.expected
 
 
-@pytest.mark.parametrize("robots", ROBOTS, ids=lambda robots: robots.name)
+@pytest.mark.parametrize(
+    "robots", [pytest.param(each, id=f"{kind}: {each.name}") for kind, found in ROBOTS.items() for each in found]
+)
 def test_labeled_robots(robots):
     table = robots.table()
     (estimates,) = estimate_table(table).values()
@@ -53,7 +55,8 @@ def test_labeled_robots(robots):
 
 
 def test_there_are_labeled_cases_of_every_kind_and_none_was_used_to_choose():
-    assert len(LABELED) >= 30
+    assert len(LABELED) >= 63
+    assert sum(map(len, ROBOTS.values())) >= 15
     kinds = {
         "holds",
         "decays",

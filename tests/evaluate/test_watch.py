@@ -2,21 +2,40 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from dataclasses import replace
+from itertools import pairwise
 from typing import ClassVar
 
 import gymnasium
 import imageio_ffmpeg
 import numpy as np
+import polars as pl
 import pytest
+from PIL import Image
 
 from perdure.envs import make_world
 from perdure.errors import PerdureError
+from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.evaluate.reference import with_reference
-from perdure.evaluate.watch import BELOW, SUBTITLE, TITLE, Judge, RobotCamera, find_render_env, replay, watch
+from perdure.evaluate.watch import (
+    BELOW,
+    STILL_SIZE,
+    SUBTITLE,
+    TITLE,
+    Judge,
+    RobotCamera,
+    add_stills,
+    find_render_env,
+    replay,
+    watch,
+)
 from perdure.film import GAP, RED, strip_height
 from perdure.horizon import Constant
-from perdure.policy import load_policy
+from perdure.policy import find_policy, load_policy, save_policy
+from perdure.report import write_report
+from perdure.report.page import STILLS
 
 pytest.importorskip("mujoco")
 NOTHING_LEFT, ALWAYS = Constant(0.0), Constant(500.0)
@@ -229,3 +248,56 @@ def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, render_
     assert judge.scale.policy_state == "worked"
     assert judge.scale.idle_rate == pytest.approx(1.0, abs=0.1), "an alive bonus of 1 a step"
     assert judge.scale.training_rate == pytest.approx(policy.reference.rate, rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def failing(tmp_path_factory):
+    """Episodes with no steps left, which fall; calm ones would run in EnvPool."""
+    path, out = find_policy("Hopper-v3/geometric"), tmp_path_factory.mktemp("failing")
+    asked = Extrapolation((path,), STEPS, ("constant:0",), 2, disturb=("push:0.1",))
+    return path, evaluate_files(asked, out, on="here", cores=1)
+
+
+class TestStills:
+    def drawn(self, failing, out, frame=None, path=None):
+        """The file of the stills, in a folder that held others."""
+        (out / STILLS).write_bytes(b"of an earlier table")
+        add_stills(failing[1].frame if frame is None else frame, failing[1].files, [path or failing[0]], out, "here")
+        return out / STILLS
+
+    def test_show_the_start_and_the_first_fall_on_the_page(self, failing, tmp_path):
+        """Two of two stills in a row; those from the fall on have a red edge."""
+        shown = self.drawn(failing, tmp_path).read_bytes()
+        width, height = STILL_SIZE
+        sheet = np.asarray(Image.open(io.BytesIO(shown)).convert("RGB")).astype(int)
+        below, above = strip_height([(BELOW, [])]), strip_height([(SUBTITLE, []), (SUBTITLE, [])])
+        assert sheet.shape == (above + 2 * (height + below) + GAP, 2 * width + GAP, 3)
+        rows, columns = (above, above + height + below + GAP), (0, width + GAP)
+        cells = [sheet[y : y + height, x : x + width] for y in rows for x in columns]
+        assert [bool(np.abs(cell[1:4] - RED).max() < 40) for cell in cells] == [False, False, True, True]
+        inner = [cell[8:-8, 8:-8] for cell in cells]
+        assert all(np.abs(one - other).mean() > 1 for one, other in pairwise(inner)), "it moves"
+        assert len(shown) < 100_000
+        page = write_report(failing[1].frame, tmp_path, "", (), stills=tmp_path / STILLS).read_text()
+        assert base64.b64encode(shown).decode() in page
+
+    def test_are_the_same_every_time(self, failing, tmp_path):
+        folders = tmp_path / "a", tmp_path / "b"
+        for folder in folders:
+            folder.mkdir()
+        first, second = (self.drawn(failing, folder) for folder in folders)
+        assert first.read_bytes() == second.read_bytes()
+
+    @pytest.mark.parametrize(
+        "change", [{"outcome": "holds"}, {"return": 0.0}, {"disturbance": "none"}, {"task": "gymnasium:No-v0"}]
+    )
+    def test_there_are_none_of_what_did_not_fail_or_cannot_be_replayed(self, failing, tmp_path, change):
+        """Without a push, EnvPool would have run the episode."""
+        frame = failing[1].frame.with_columns(**{name: pl.lit(value) for name, value in change.items()})
+        assert not self.drawn(failing, tmp_path, frame).exists()
+        page = write_report(failing[1].frame, tmp_path, "", (), stills=tmp_path / STILLS).read_text()
+        assert '<img alt="A failure' not in page
+
+    def test_there_are_none_of_another_policy(self, failing, tmp_path, policy):
+        other = save_policy(replace(policy, provenance={}), tmp_path / "other.safetensors")
+        assert not self.drawn(failing, tmp_path, path=other).exists()

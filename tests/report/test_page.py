@@ -196,7 +196,10 @@ class TestWhatItSays:
 
     def test_the_asked_policy_is_judged_and_not_the_best_number(self, synthetic):
         frame = synthetic(
-            [{"clock": "none", "method": "ppo", "rate": 1.0, "ends": [90] * 8}, {"clock": "constant(900)", "rate": 3.0}]
+            [
+                {"clock": "none", "method": "ppo", "rate": 1.0, "ends": [80, *[90] * 7]},
+                {"clock": "constant(900)", "rate": 3.0},
+            ]
         )
         assert summary_text(frame).splitlines()[0] == (
             "Hopper-v3: ppo: falls within its own training horizon in 8 of 8 episodes: train longer; "

@@ -16,6 +16,7 @@ from perdure.report.groups import behave_as_one
 HELP = Path(__file__).parents[2] / "docs" / "how-to" / "when-a-policy-fails.md"
 HOUR = {"disturbance": "standard-1", "step_seconds": 3.6, "rate": 2.0}
 """A thousand steps an hour."""
+EARLY, LATE = [90] * 7 + [91], [2000] * 7 + [2001]
 
 
 def groups(table):
@@ -80,7 +81,7 @@ class TestHeadline:
 
 class TestNext:
     def test_every_verdict_has_a_next_step_and_a_section(self):
-        assert set(wording.NEXT) == {*GOOD, *FAILURES, "falls in training", "fails when disturbed"}
+        assert set(wording.NEXT) == {*GOOD, *FAILURES, "falls in training", "fails when disturbed", "ends at one step"}
         headings = re.findall(r"^## (.*)$", HELP.read_text(), re.MULTILINE)
         anchors = {re.sub(r"[^a-z0-9 -]", "", each.lower()).replace(" ", "-") for each in headings}
         assert {section for _, section in wording.NEXT.values()} <= anchors
@@ -89,9 +90,10 @@ class TestNext:
         ("calm", "disturbed", "kind"),
         [
             ({}, {}, "holds"),
-            ({}, {"ends": [2000] * 8}, "fails when disturbed"),
-            ({"ends": [2000] * 8}, {"ends": [2000] * 8}, "falls"),
-            ({"ends": [90] * 8}, {"ends": [90] * 8}, "falls in training"),
+            ({}, {"ends": LATE}, "fails when disturbed"),
+            ({"ends": LATE}, {"ends": LATE}, "falls"),
+            ({"ends": LATE[:1] * 8}, {}, "ends at one step"),
+            ({"ends": EARLY}, {"ends": EARLY}, "falls in training"),
             ({"last_rate": 0.0}, {}, "fails silently"),
         ],
     )

@@ -210,6 +210,7 @@ def extrapolate(
     from perdure.envs import module_of, task_of_environment
     from perdure.evaluate import extrapolate as evaluate
     from perdure.evaluate.stored import takes_clock
+    from perdure.evaluate.watch import add_stills
     from perdure.policy.onnx import is_onnx
     from perdure.runs.progress import show_progress
 
@@ -246,6 +247,8 @@ def extrapolate(
             observe=observe,
             waiting=lambda: print(f"perdure: waiting for another evaluation into {out}", file=sys.stderr),
         )
+        if not function:
+            add_stills(result.frame, result.files, files, out, on)
     table, states = result.path, result.frame["policy_state"].unique().to_list()
     del result  # the report needs the memory
     assert table is not None
@@ -375,6 +378,7 @@ def write_and_show(
         SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
     """
     from perdure.report import estimate_table, read_episodes, summary_text, write_report
+    from perdure.report.page import STILLS
     from perdure.report.summary import not_holding, summary_json
 
     episodes, notes = read_episodes(table)
@@ -382,7 +386,7 @@ def write_and_show(
     del episodes  # of a large table
     if not as_json:
         print(summary_text(estimates))
-    page = write_report(estimates, out, notes.get("command", ""), formats, notes).resolve()
+    page = write_report(estimates, out, notes.get("command", ""), formats, notes, table.parent / STILLS).resolve()
     print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
     if require is not None and (missed := not_holding(estimates)):
         print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)

@@ -15,14 +15,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import OpenEnv, TaskSpec, World, make_world
+from perdure.envs import OpenEnv, TaskSpec, World, make_world, report_success
 from perdure.errors import PerdureError
 from perdure.policy import FunctionPolicy, LoopStep, Policy, PolicyLike, Reference, measure_reference
 from perdure.policy.divergence import DivergenceDetector
@@ -232,9 +231,9 @@ class _RunningStd:
         return result
 
 
-def task_env(task: str) -> OpenEnv:
-    """Return a builder of worlds of a task by its name."""
-    return OpenEnv(partial(make_world, task))
+def task_env(task: str, success: str | None = None) -> OpenEnv:
+    """Return a builder of worlds of a task by its name; `success`: see `report_success`."""
+    return OpenEnv(lambda seeds: report_success(make_world(task, seeds), success))
 
 
 def save_reference(policy: PolicyLike, folder: Path) -> None:

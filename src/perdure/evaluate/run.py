@@ -137,6 +137,8 @@ def extrapolate(
             subject = function_policy(subject, source, timed, training_horizon, recurrent, name)
         elif recurrent or training_horizon is not None:
             raise PerdureError("recurrent and training_horizon are for functions; a Policy knows its own")
+        if success is not None and isinstance(subject, Policy):
+            subject = replace(subject, reference=None)  # measured without this entry
         label = method_label(subject, "policy") if name is None else name
         task = task_of_environment(env) if isinstance(env, str) else None
         result = ExtrapolationResult(_evaluate_here(evaluation, subject, source, task, label, observe), None)

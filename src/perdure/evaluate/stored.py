@@ -6,7 +6,7 @@ import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -156,6 +156,8 @@ class _PolicyFile:
     """What results depend on besides clock, evaluation seed, steps and versions: the digest of a policy file."""
     policy: PolicyLike
     task: str
+    success: str | None
+    """See `Extrapolation`. Reference episodes that the file holds were measured without it: they do not count then."""
 
     def arguments(self) -> dict[str, Any]:
         horizon = int(self.policy.training_horizon) if is_onnx(self.path) else None
@@ -163,9 +165,10 @@ class _PolicyFile:
 
     def reference_unit(self, versions: Versions) -> Unit:
         """Return the unit that measures the reference episodes which the file does not hold."""
-        config = {"policy": self.identity, "versions": versions, "format": 2}
+        named = {} if self.success is None else {"success": self.success}
+        config = {"policy": self.identity, "versions": versions, "format": 2, **named}
         key, function = f"{REFERENCES}/{config_digest(config)[:16]}", f"{__name__}:measure_file"
-        return Unit(key, config, function, {"file": self.arguments()}, size=20_000.0)
+        return Unit(key, config, function, {"file": self.arguments(), **named}, size=20_000.0)
 
 
 def read_file(path: str | Path, digest: str, task: str, horizon: int | None) -> PolicyLike:
@@ -217,7 +220,9 @@ def _files(evaluation: Extrapolation) -> list[_PolicyFile]:
         for other in files:
             if other.identity == identity:
                 raise PerdureError(f"{other.path} and {path} hold the same policy: name only one of them")
-        files.append(_PolicyFile(path, digest, identity, policy, policy.task.name))
+        if evaluation.success is not None and isinstance(policy, Policy):
+            policy = replace(policy, reference=None)
+        files.append(_PolicyFile(path, digest, identity, policy, policy.task.name, evaluation.success))
     tasks = sorted({file.task for file in files})
     if len(tasks) > 1:
         robot, *others = {task.removeprefix(GYMNASIUM_PREFIX) for task in tasks}
@@ -462,9 +467,11 @@ def _finished(store: Store, setups: Setups) -> dict[Identity, str]:
     return found
 
 
-def measure_file(work: Work, *, file: Mapping[str, Any]) -> None:
+def measure_file(work: Work, *, file: Mapping[str, Any], success: str | None = None) -> None:
     """Write the reference episodes of a policy to the work folder; the function of a unit."""
-    save_reference(with_reference(read_file(**file), task_env(file["task"])), work.folder)
+    source, policy = task_env(file["task"], success), read_file(**file)
+    policy = replace(policy, reference=None) if isinstance(policy, Policy) else policy
+    save_reference(with_reference(policy, source), work.folder)
 
 
 def evaluate_group(

@@ -1,40 +1,52 @@
-"""Films of a policy, at its failure or from its first step.
+"""Films of a policy, at its failure or from its first step, and stills of a failure for the page of a table.
 
 EnvPool cannot render, so a film shows the Gymnasium environment of the same name. Robots of one name move alike in
 both, up to rounding (`tests/envs/test_gymnasium_parity.py`): the two use different builds of MuJoCo. After some hundred
 steps with contacts the trajectories differ. The failure is therefore searched for in the Gymnasium environment. Any
 other environment of Gymnasium that renders rgb_array is filmed by itself.
+
+Stills replay an episode of a table that Gymnasium ran; disturbed ones mostly are.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import GymnasiumWorld, OpenEnv, refuse_import, task_spec
+from perdure.disturbances import Disturbance, parse_disturbances
+from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
+from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.gymnasium import call, engine_of, make_env
 from perdure.envs.suites import GYMNASIUM_PREFIX
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
 from perdure.evaluate.reference import idle_baseline, with_reference
 from perdure.evaluate.score import ScoreScale, make_score_scale, published_rate
-from perdure.evaluate.table import episode_table, judge_table
-from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, Row, annotate, check_film, tile, write_film
-from perdure.horizon import Clock
-from perdure.policy import ClosedLoop, EpisodePolicy, Policy
+from perdure.evaluate.table import episode_table, file_note, judge_table
+from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, annotate, check_film, save_picture, tile, write_film
+from perdure.horizon import Clock, parse_clock
+from perdure.policy import ClosedLoop, EpisodePolicy, Policy, load_policy
 from perdure.policy.network import one_thread
+from perdure.policy.onnx import is_onnx
 from perdure.report import wording
 from perdure.report.goals import GOOD, REACHES
+from perdure.report.groups import NO_CLOCK
+from perdure.report.page import STILLS
+from perdure.runs import Unit, Work, config_digest, file_digest, run_missing, versions, write_atomic
+
+if TYPE_CHECKING:
+    import polars as pl
 
 FAILURES = ("falls", "fails silently", "decays", "diverges")
 BEFORE, AFTER = 5.0, 1.0
@@ -45,7 +57,11 @@ RATE = 25.0
 """Pictures per second, at most."""
 SCORE_STEPS = 100
 """Steps over which the score in the picture is taken."""
-SIZE = (480, 360)
+SIZE, STILL_SIZE = (480, 360), (352, 264)
+AROUND = {"falls": 0.3, "fails silently": 5.0, "decays": 5.0}
+"""Failures of which there are stills: seconds from the one before to the failure, and on to the one after it."""
+COLORS = 96
+"""Colors of the stills, a fifth of the bytes of all colors."""
 TITLE, SUBTITLE, BELOW = 20, 14, 15
 """Font sizes of the lines above and below a picture."""
 BODY = 1
@@ -76,6 +92,8 @@ class JudgedEpisode:
     end_step: int
     total: float
     """Its return."""
+    disturbances: tuple[Disturbance, ...] = ()
+    """What it meets."""
 
     @property
     def failed(self) -> bool:
@@ -296,8 +314,10 @@ def replay(policy: Policy, episode: JudgedEpisode, render_env: RenderEnv, stop: 
     Raises:
         PerdureError: If the episode is not the one that was judged.
     """
-    env = render_env.build()
-    world = GymnasiumWorld([lambda: env], [FIRST_EVAL_SEED + episode.eval_seed])
+    env, seeds = render_env.build(), [FIRST_EVAL_SEED + episode.eval_seed]
+    world: World = GymnasiumWorld([lambda: env], seeds)
+    if episode.disturbances:
+        world = DisturbedWorld(world, episode.disturbances, seeds, policy.observation_std[None])
     try:
         with one_thread():
             loop = ClosedLoop(world, [EpisodePolicy(policy, episode.clock)])
@@ -359,9 +379,20 @@ def _own_picture(env: Any) -> Picture:
     return picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
 
 
+def _camera(env: Any, size: tuple[int, int], stack: ExitStack) -> Callable[[], Picture]:
+    """Return a function that takes a picture of an environment."""
+    if hasattr(env.unwrapped, "mujoco_renderer"):
+        return stack.enter_context(RobotCamera(env, size)).take
+    return partial(_own_picture, env)
+
+
+def _step_seconds(env: Any) -> float:
+    return float(getattr(env.unwrapped, "dt", 0.0) or 1.0 / (env.metadata.get("render_fps") or RATE))
+
+
 def _shown_steps(env: Any, scale: ScoreScale, failing: JudgedEpisode | None) -> tuple[range, float]:
     """Return the steps to show, around a failure or from the first one, and the pictures per second."""
-    seconds_per_step = float(getattr(env.unwrapped, "dt", 0.0) or 1.0 / (env.metadata.get("render_fps") or RATE))
+    seconds_per_step = _step_seconds(env)
     stride = max(1, round(1.0 / (RATE * seconds_per_step)))
     before, after = (round(seconds / seconds_per_step) for seconds in (BEFORE, AFTER))
     middle = before if failing is None else failing.failed_step
@@ -377,9 +408,9 @@ def _panel(
     recent: deque[float] = deque(maxlen=SCORE_STEPS)
     clock, outcome = episode.words
     color = GREEN if episode.outcome in GOOD else RED if episode.failed else INK
-    above: list[Row] = [(TITLE, [(f"{clock}: {outcome}", color)]), (SUBTITLE, [(world, GRAY)])]
+    above = [(TITLE, [(f"{clock}: {outcome}", color)]), (SUBTITLE, [(world, GRAY)])]
     with ExitStack() as stack:
-        camera: RobotCamera | None = None
+        take: Callable[[], Picture] | None = None
         for instant in replay(judge.policy, episode, render_env, shown.stop - 1):
             recent.append(instant.reward)
             if instant.step not in shown:
@@ -390,8 +421,75 @@ def _panel(
             elif judge.scale.policy_state == "worked":
                 score = float(judge.scale.score(np.array(sum(recent) / len(recent))))
                 now += f"   score against its own training {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
-            if camera is None and hasattr(instant.env.unwrapped, "mujoco_renderer"):
-                camera = stack.enter_context(RobotCamera(instant.env, size))
-            picture = _own_picture(instant.env) if camera is None else camera.take()
+            take = take or _camera(instant.env, size, stack)
             failed = episode.failed and instant.step >= episode.failed_step
-            yield annotate(picture, above, [(BELOW, [(now, INK)])], RED if failed else None)
+            yield annotate(take(), above, [(BELOW, [(now, INK)])], RED if failed else None)
+
+
+# Stills
+
+
+def add_stills(
+    frame: pl.DataFrame, notes: Mapping[str, str], policies: Sequence[Path], out: Path, on: str = "local"
+) -> None:
+    """Write stills of the first fall, else of the first other failure, beside the table.
+
+    There are none without a failure, where nothing can be drawn, and of episodes that EnvPool ran: it cannot be seen.
+
+    Args:
+        frame: The table of `evaluate_files`.
+        notes: The SHA-256 of its policy files, by `file_note`.
+        policies: These files.
+        out: The folder of the table. A worker draws the stills there, and only once.
+        on: Where, see `perdure.runs.make_workers`.
+    """
+    (out / STILLS).unlink(missing_ok=True)
+    files = {file_digest(path): path.resolve() for path in policies if not is_onnx(path)}
+    last, found = (
+        frame.filter((frame["step"] == frame["test_horizon"]) & frame["outcome"].is_in(list(AROUND))),
+        list[Any](),
+    )
+    for row in last.iter_rows(named=True):
+        left_out = row["not_applied"].split(", ")
+        met = tuple(each for each in parse_disturbances(row["disturbance"].split()) if each.name not in left_out)
+        task, file = disturbed_task(row["task"], met), notes.get(file_note(row["policy"], row["train_seed"]))
+        if task.startswith(GYMNASIUM_PREFIX) and file in files:
+            clock = None if row["clock"] == NO_CLOCK else parse_clock(row["clock"])
+            at = row["end_step"] if row["outcome"] == "falls" else max(1, row["failed_step"])
+            ends = row["outcome"], at, row["end_step"], row["return"]
+            who = row["policy"] + (f" under {row['disturbance']}" if met else "")
+            episode = JudgedEpisode(clock, row["eval_seed"], *ends, met)
+            found.append((row["outcome"] != "falls", at, len(found), file, task, who, episode))
+    if not found:
+        return
+    *_, file, task, who, episode = min(found)
+    config = {"policy": file, "episode": f"{task} {who} {episode}", **versions("gymnasium", "mujoco", "pillow")}
+    arguments = {"path": files[file], "task": task, "who": who, "episode": episode}
+    unit = Unit(f"failure/{config_digest(config)[:16]}", config, f"{__name__}:draw_stills", arguments)
+    with suppress(Exception):  # whatever an environment or a driver does: the evaluation is finished
+        run_missing([unit], out, on, cores=1)
+        write_atomic(out / STILLS, (out / unit.key / STILLS).read_bytes())
+
+
+def draw_stills(work: Work, *, path: Path, task: str, who: str, episode: JudgedEpisode) -> None:
+    """Draw the stills of an episode into the work folder; the function of a unit."""
+    policy, pictures = load_policy(path), list[Picture]()
+    render_env = find_render_env(task, policy.task.observation_size)
+    with closing(render_env.build()) as env:
+        at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"
+        apart = max(1, round(seconds / _step_seconds(env)))
+    captions = {1: "start", max(1, at - apart): f"{seconds:g} s before", at: episode.outcome}
+    captions[at + apart] = f"{seconds:g} s after"
+    with ExitStack() as stack:
+        take: Callable[[], Picture] | None = None
+        for instant in replay(policy, episode, render_env, at + apart):
+            if instant.step in captions:
+                take = take or _camera(instant.env, STILL_SIZE, stack)
+                color = INK if instant.step < at else RED
+                said = [(BELOW, [(f"step {instant.step:,}: {captions[instant.step]}", color)])]
+                pictures.append(annotate(take(), below=said, edge=None if instant.step < at else RED))
+    clock, outcome = episode.words
+    who += (f", {clock}" if episode.clock else "") + f", start state {episode.eval_seed}: {outcome}"
+    above = [(SUBTITLE, [(who, RED)]), (SUBTITLE, [(world, GRAY)])]
+    (work.folder / STILLS).unlink(missing_ok=True)  # of an attempt that was interrupted
+    save_picture(annotate(tile(pictures, 2), above), work.folder / STILLS, COLORS)

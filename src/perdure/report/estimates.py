@@ -159,8 +159,13 @@ class Verdict:
 
     @property
     def kind(self) -> str:
-        """Key into `wording.NEXT`: the label, or that training was too short and not only this clock at fault."""
+        """Key into `wording.NEXT`: the label, or that training was too short and not only this clock at fault.
+
+        Falls that all come at one step are suspected to be a time limit, which needs no training.
+        """
         group = self.group
+        if self.label in ENDS and group.one_end is not None:
+            return "ends at one step"
         other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= 0.5).all()
         short = self.label in ENDS and (group.falls_in_training or (self.within and not other_clock))
         return "falls in training" if short else self.label

@@ -45,11 +45,10 @@ def reaching(group: Group) -> str:
 def goal_evidence(group: Group, label: str) -> Iterator[str]:
     """Yield what is to be said of the goal beside the verdict."""
     first, stay, at_end = (group[name] for name in GOALS)
-    ends, terminated = np.unique(group["end_step"]), (group["end_reason"] == "terminated").all()
     if label == REACHES:
         return
-    if terminated and len(ends) == 1 < group.episodes:
-        yield f"every episode ends at step {ends[0]:,}: the environment may report its time limit as a termination"
+    if (step := group.one_end) is not None:
+        yield f"every episode ends at step {step:,}: the environment may report its time limit as a termination"
     if {REACHES, MISSES} & {*group.verdicts}:
         yield reaching(group)
     elif not np.isnan(first).any():

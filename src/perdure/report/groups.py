@@ -136,6 +136,12 @@ class Group:
         """Whether most reference episodes fell within the training horizon."""
         return bool(np.nanmean(known) > MOSTLY) if np.isfinite(known := self["training_falls"]).any() else False
 
+    @property
+    def one_end(self) -> int | None:
+        """The step at which the environment terminates every episode, if it is one and the same for several of them."""
+        ends = np.unique(self["end_step"])
+        return int(ends[0]) if len(ends) == 1 < self.episodes and (self["end_reason"] == "terminated").all() else None
+
     @cached_property
     def failed(self) -> BoolArray:
         """Which episodes fell, diverged, decayed or failed silently, shape (episodes,)."""

@@ -90,6 +90,11 @@ def table(
     return _part("table", title, headings, rows, note, folded)
 
 
+def picture(title: str, png: bytes) -> str:
+    """Return a picture under its title."""
+    return _part("picture", title, base64.b64encode(png).decode())
+
+
 def text(title: str, markup: str) -> str:
     """Return a paragraph with its title; `markup` is HTML."""
     from markupsafe import Markup
@@ -122,7 +127,7 @@ def page(title: str, parts: Sequence[str], command: str, made: str = "") -> str:
 
 # The report of a table
 
-PAGE = "report.html"
+PAGE, STILLS = "report.html", "failure.png"
 MOST_POINTS = 12
 """Most policies and clocks for which the text gives the evidence."""
 MOST_NAMED = 3
@@ -140,6 +145,7 @@ def write_report(
     command: str,
     formats: Sequence[Format] = ("png",),
     notes: Mapping[str, str] | None = None,
+    stills: Path | None = None,
 ) -> Path:
     """Write the page, and each figure as a file beside it; return the page's path.
 
@@ -149,6 +155,7 @@ def write_report(
         command: What made the table; shown so that a reader can repeat it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
         notes: Metadata of the table's file: `versions` and `evaluated` (the day) are shown.
+        stills: A PNG file of one failure; it need not exist.
 
     Raises:
         PerdureError: The table does not fit the schema, or a format is unknown.
@@ -163,7 +170,8 @@ def write_report(
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
         verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
         parts += [header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates))]
-        parts += [figures(top), *_tables(estimates), figures(others)]
+        shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
+        parts += [figures(top), *shown, *_tables(estimates), figures(others)]
     made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
     return write_atomic(folder / PAGE, page(_title(by_task), [*parts, _part("words")], command, made))
 

@@ -80,6 +80,10 @@ NEXT = {
     "reaches its goal": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
     "falls": (_GAMMA, "falls-or-fails-when-disturbed"),
     "fails when disturbed": (_GAMMA, "falls-or-fails-when-disturbed"),
+    "ends at one step": (
+        "Check whether the environment reports its time limit as a termination.",
+        "falls-within-its-own-training-horizon",
+    ),
     "falls in training": (_INPUTS, "falls-within-its-own-training-horizon"),
     "diverges": ("Watch the failure: the physics became invalid.", "diverges"),
     "fails silently": ("Watch the failure. End training episodes in this posture.", "fails-silently-or-decays"),

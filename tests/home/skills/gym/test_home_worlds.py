@@ -1,10 +1,17 @@
 """Home environments behind the vector contract, by name."""
 
+from pathlib import Path
+
+import gymnasium
 import numpy as np
 import pytest
 
-from perdure.envs import list_tasks, make_world
+from perdure.disturbances import STANDARD, parse_disturbances
+from perdure.envs import list_tasks, make_world, task_spec
+from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.errors import PerdureError
+from perdure.evaluate import Extrapolation
+from perdure.wrappers import Disturb
 
 NAME = "perdure/HomePlace-v0,split=val,episodes=2"
 
@@ -60,3 +67,41 @@ def test_a_world_tells_that_it_diverged():
 def test_names_that_mean_nothing_are_refused(name, error):
     with pytest.raises(error):
         make_world(name, [0])
+
+
+class TestDisturbances:
+    """Noise and delay act on any world; the home's model changes from episode to episode, so its physics stays."""
+
+    ACTS = ("action_noise:0.1", "observation_noise:0.1", "action_delay:1")
+
+    def test_of_the_standard_what_is_not_applied_is_named(self):
+        spec = task_spec(NAME)
+        asked = Extrapolation((Path("p"),))
+        calm, disturbed = asked.conditions(spec, lambda found: make_world(disturbed_task(NAME, found), [0]))
+        assert [each.name for each in disturbed.disturbances] == ["action_noise", "observation_noise"]
+        assert {*disturbed.not_applied.split(", ")} == {"push", "mass", "friction", "strength"}
+        assert (calm.not_applied, disturbed.label) == ("", STANDARD)
+
+    @pytest.mark.parametrize("kind", ["push:0.1", "mass:1.1", "friction:0.9", "strength:0.9", "slope:3"])
+    def test_what_needs_the_model_is_refused_by_name(self, kind):
+        found = parse_disturbances([kind])
+        with pytest.raises(PerdureError, match=kind.split(":")[0]):
+            DisturbedWorld(make_world(disturbed_task(NAME, found), [0]), found, [0])
+        env = gymnasium.make("perdure/HomePlace-v0", split="val", episodes=2)
+        with pytest.raises(PerdureError, match=kind.split(":")[0]):
+            Disturb(env, [kind])
+
+    def test_noise_and_delay_act_alike_in_a_world_and_in_the_wrapper(self):
+        name, options = "perdure/HomeNavigate-v0", {"split": "val", "episodes": 1}
+        world, calm = (make_world(f"{name},split=val,episodes=1", [3]) for _ in range(2))
+        std = np.full(world.spec.observation_size, 0.01)
+        disturbed = DisturbedWorld(world, parse_disturbances(self.ACTS), [3], std[None])
+        env = Disturb(gymnasium.make(name, max_episode_steps=-1, **options), self.ACTS, 3, std)
+        assert (env.reset(seed=3)[0] == disturbed.reset()[0]).all()
+        calm.reset()
+        rng = np.random.default_rng(0)
+        for _ in range(5):
+            action = rng.uniform(-1.0, 1.0, (1, world.spec.action_size))
+            step, undisturbed = disturbed.step(action), calm.step(action)
+            assert (env.step(action[0])[0] == step.observations[0]).all()
+        assert not np.allclose(step.observations, undisturbed.observations, atol=0.003)
