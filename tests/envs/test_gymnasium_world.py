@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 from counting import Counting, factories, first_starts
+from gymnasium.envs.registration import EnvSpec
 from worlds import counting_world
 
 from perdure.envs import make_world
@@ -74,6 +75,15 @@ def test_a_registered_environment_comes_without_its_own_limit() -> None:
         step = world.step(np.zeros((1, 1)))
     assert not step.ended[0]
     assert step.elapsed[0] == 201
+
+
+def test_a_limit_inside_a_registered_environment_is_lifted_and_says_the_training_horizon(monkeypatch) -> None:
+    inner = EnvSpec("Limited-v0", lambda: gymnasium.wrappers.TimeLimit(Counting(), 2))
+    monkeypatch.setitem(gymnasium.registry, "Limited-v0", inner)
+    world = make_world("gymnasium:Limited-v0", [5])
+    assert world.spec.default_horizon == 2
+    world.reset()
+    assert [bool(world.step(np.zeros((1, 1))).ended[0]) for _ in range(3)] == [False] * 3
 
 
 def test_a_mujoco_environment_names_its_engine() -> None:

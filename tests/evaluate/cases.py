@@ -375,7 +375,7 @@ ROBOTS = {
         Robots(
             "some fall and some lie",
             "cannot tell",
-            "cannot tell in 5 of 8 episodes: 3 of 8 fall at steps 200 to 900, 5 of 8 lie nearly motionless since "
+            "cannot tell in 5 of 8 episodes: 3 of 8 fall at steps 200 to 900, 5 of 8 stay nearly motionless since "
             "step 4,000",
             (
                 *falling((900, 200, 400), NOISY),

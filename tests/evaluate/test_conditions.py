@@ -50,7 +50,7 @@ def test_steps_and_start_states_are_those_of_the_part_that_is_named(options, exp
     ("options", "words"),
     [
         ({"disturb": ()}, "disturb must name something"),
-        ({"disturb": ("none", "push:1")}, "none alone"),
+        ({"disturb": ("none", "push:1")}, "none disturbs nothing, so nothing may stand beside it: none push:1"),
         ({"disturb": ("push:1", "push:2")}, "named twice"),
         ({"disturb": ("standard-2",)}, "standard-1"),
         ({"disturb": "push:1"}, "disturb must be a tuple"),
@@ -65,7 +65,7 @@ def test_what_makes_no_sense_is_refused_at_the_door(options, words):
 
 
 def test_hours_need_an_environment_that_tells_its_control_rate():
-    with pytest.raises(PerdureError, match="give steps in place of hours"):
+    with pytest.raises(PerdureError, match=r"its attribute dt\): give steps, not hours"):
         extrapolate(np.zeros_like, Falling, hours=1)
 
 
@@ -163,3 +163,14 @@ def test_envpool_robots_step_as_long_as_gymnasiums(robot):
     ours = task_spec(f"{robot}-v4").step_seconds
     assert ours == pytest.approx(env.unwrapped.dt)
     assert task_spec(f"gymnasium:{robot}-v5").step_seconds == ours
+
+
+@pytest.mark.parametrize(("dt", "expected"), [(0.05, 0.05), (None, np.nan), (0.0, np.nan), ("fast", np.nan)])
+def test_an_environment_of_ones_own_says_how_long_a_step_is(dt, expected):
+    class Timed(Dial):
+        pass
+
+    Timed.dt = dt
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(gymnasium.registry, "Timed-v0", gymnasium.envs.registration.EnvSpec("Timed-v0", Timed))
+        assert task_spec("gymnasium:Timed-v0").step_seconds == pytest.approx(expected, nan_ok=True)

@@ -139,7 +139,9 @@ class TestAnEpisodeThatEndsAtItsGoal:
         assert (calm.label, pushed.label) == ("reaches its goal", "misses its goal")
         assert headline([calm, pushed]).endswith("; under push:9 misses its goal in 20 of 20 episodes")
         assert advice([calm, pushed]) != advice([calm]), "the failing condition decides"
-        assert "reaches its goal in 20 of 20" in write_report(result, tmp_path, "", ()).read_text()
+        page = write_report(result, tmp_path, "", ()).read_text()
+        assert "reaches its goal in 20 of 20" in page
+        assert "Speed while working" not in page, "reward until the goal is no speed"
         falls = pl.when(pl.col("eval_seed") < 5).then(pl.lit("falls")).otherwise("outcome")
         shaken = table.head(len(table) // 2).with_columns(
             outcome=falls, disturbance=pl.lit("push:1"), step_seconds=0.04

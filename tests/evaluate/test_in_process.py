@@ -175,7 +175,7 @@ class TestEnvironments:
             (gymnasium.make("Pendulum-v1"), PerdureError, "give the function that builds it"),
             (3, PerdureError, "a Gymnasium id, a task.*a factory.*not int"),
             (lambda: 3, PerdureError, "this function returned int"),
-            (None, PerdureError, "env is missing"),
+            (None, PerdureError, r"env \(--env\) is missing"),
             (gymnasium.make_vec("CartPole-v1", 2, "vector_entry_point"), PerdureError, "ends episodes after 500 steps"),
         ],
     )

@@ -82,6 +82,11 @@ def test_a_branch_that_points_elsewhere_is_not_followed(cache, content):
 def test_a_folder_without_a_policy_or_with_several_is_refused(tmp_path, data):
     with pytest.raises(PerdureError, match=r"must hold one policy.*holds none"):
         load_policy(tmp_path)
+    for name in ("run-2/b.zip", "run-1/a.safetensors", "other/notes.txt"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    with pytest.raises(PerdureError, match=r"holds none; policies or models are in its folders run-1, run-2$"):
+        load_policy(tmp_path)
     for name in ("a", "b"):
         (tmp_path / f"{name}.safetensors").write_bytes(data)
     with pytest.raises(PerdureError, match=r"holds 2: a\.safetensors, b\.safetensors"):

@@ -53,7 +53,7 @@ class TestWhatItSays:
         ("state", "outcome", "reason"),
         [
             ("worked", "cut", "the environment ended the episodes, for a reason that is no failure"),
-            ("worked", "unknown", "too few steps, or a final score too close to 75 % to tell"),
+            ("worked", "unknown", "a final score too close to 75 % to tell"),
             ("cannot tell", "unknown", "within its training horizon it earns more"),
         ],
     )
@@ -64,6 +64,17 @@ class TestWhatItSays:
             .splitlines()[1]
             .endswith(f"cannot tell in 8 of 8 episodes: all 8 move until the end; {reason}.")
         )
+
+    @pytest.mark.parametrize(("window", "short"), [(20_000, False), (20_001, True)])
+    def test_it_says_how_many_steps_are_needed(self, synthetic, window, short):
+        """Episodes of 100,000 steps; five windows and no settling."""
+        table = synthetic([{"outcome": "unknown", "window": window, "settling": 0}])
+        assert ("too few steps to tell: at least 100005 are needed" in summary_text(table)) is short
+
+    def test_the_headline_of_several_conditions_gives_no_details_of_what_it_cannot_tell(self, synthetic):
+        table = synthetic([{"outcome": "unknown", "disturbance": each} for each in ("none", "push:1")])
+        said = "geometric, always 500 steps to go: cannot tell when calm; cannot tell under push:1"
+        assert summary_text(table).splitlines()[0] == f"Hopper-v3: {said}"
 
     def test_the_tutorial_shows_the_sentence_that_is_printed(self, synthetic):
         (transcript,) = re.findall(r"^```text\n(.*?)^```", TUTORIAL.read_text(), re.MULTILINE | re.DOTALL)
@@ -480,3 +491,23 @@ def test_a_sweep_says_up_to_which_level_nine_in_ten_episodes_hold(synthetic, las
     )
     sentence = f"nine in ten episodes hold under action_noise {words} (tried: 0.02, 0.05, 0.1)"
     assert f"geometric, always 500 steps to go: {sentence}" in summary_text(table)
+
+
+def test_a_level_without_a_verdict_decides_nothing_in_a_sweep(synthetic):
+    def sweep(*outcomes):
+        levels = zip((0.1, 0.2, 0.3), outcomes, strict=False)
+        return summary_text(
+            synthetic([{"disturbance": f"action_noise:{level}", "outcome": outcome} for level, outcome in levels])
+        )
+
+    found = sweep("holds", "unknown", "decays")
+    assert "hold under action_noise up to 0.1 (tried: 0.1, 0.2 (cannot tell), 0.3)" in found
+    assert "nine in ten" not in sweep("unknown", "unknown")
+
+
+def test_the_page_names_the_policy_file_to_watch(synthetic, tmp_path):
+    """A model of another library was imported beside the table."""
+    assert "perdure watch POLICY --until" in write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
+    (tmp_path / "imported").mkdir()
+    (model := tmp_path / "imported" / "a.safetensors").touch()
+    assert f"perdure watch {model} --until" in write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()

@@ -12,6 +12,7 @@ from perdure.report import summary_text, wording
 from perdure.report.estimates import FAILURES, advice, estimate_table, headline
 from perdure.report.goals import GOOD
 from perdure.report.groups import behave_as_one
+from perdure.report.summary import not_holding
 
 HELP = Path(__file__).parents[2] / "docs" / "how-to" / "when-a-policy-fails.md"
 HOUR = {"disturbance": "standard-1", "step_seconds": 3.6, "rate": 2.0}
@@ -53,6 +54,12 @@ class TestHours:
     def test_calm_episodes_and_steps_of_unknown_length_have_none(self, synthetic, change):
         (item,) = groups(hours(synthetic, [2000] * 5, **change))
         assert item.group.failure_rate is None
+
+    def test_episodes_that_cannot_be_judged_claim_no_hours_without_a_failure(self, synthetic):
+        table = hours(synthetic, [math.inf] * 5, outcome="unknown", window=1000, settling=0)
+        (said,) = not_holding(estimate_table(table))
+        assert "cannot tell in 5 of 5 episodes" in said
+        assert said.endswith("too few steps to tell: at least 5000 are needed")
 
 
 class TestHeadline:

@@ -15,9 +15,6 @@ from perdure.errors import PerdureError
 if TYPE_CHECKING:
     from perdure.policy.readers import FoundModel
 
-IMPORTED = "imported"
-"""Folder, beside the results, of policies made of other libraries' models."""
-
 
 def policy_files(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
@@ -26,6 +23,7 @@ def policy_files(
     from perdure.policy import find_policy, load_policy
     from perdure.policy.onnx import is_onnx
     from perdure.policy.readers import FoundModel, find_models, import_once
+    from perdure.report.schema import IMPORTED
 
     found = list[Path | FoundModel]()
     for name in names:

@@ -6,7 +6,7 @@ import math
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -30,6 +30,8 @@ from perdure.errors import PerdureError, note_call
 if TYPE_CHECKING:
     import gymnasium
 
+NEVER = 2**62
+"""A step limit that is never reached."""
 T = TypeVar("T")
 UNLIMITED_TASK_HORIZON = 1000
 """`TaskSpec.default_horizon` of an environment without a step limit."""
@@ -193,7 +195,42 @@ def make_env(env_id: str, **options: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+        env = gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+    lift(env)  # what is registered may hold a limit of its own
+    return env
+
+
+def lift(env: Any) -> list[tuple[Any, int]]:
+    """Lift every step limit; return the wrappers with their old limits."""
+    found = [(wrapper, wrapper._max_episode_steps) for wrapper in _limits(env)]
+    for wrapper, _ in found:
+        _ = wrapper.spec  # Gymnasium computes it once, with the limit as it is at that time
+        wrapper._max_episode_steps = NEVER
+    return found
+
+
+def _limits(env: Any) -> Iterator[Any]:
+    """Yield the TimeLimit wrappers of a single environment; refuse a training horizon."""
+    from gymnasium import Wrapper
+    from gymnasium.wrappers import TimeLimit
+
+    from perdure.wrappers import HorizonLimit
+
+    while isinstance(env, Wrapper):
+        if isinstance(env, TimeLimit):
+            yield env
+        if isinstance(env, HorizonLimit):
+            raise PerdureError(
+                f"{title_of(env)}: it ends episodes at a training horizon (HorizonLimit); give the environment without "
+                "it, and its steps as training_horizon"
+            )
+        env = env.env
+
+
+def title_of(env: Any) -> str:
+    """Return the id of an environment, else the name of its class."""
+    spec = getattr(env, "spec", None)
+    return str(spec.id) if spec is not None else type(env.unwrapped).__name__
 
 
 def _show_model_warning(text: str) -> None:
@@ -277,9 +314,9 @@ def engine_of(env: Any) -> str:
 
 
 def _step_seconds(env: Any) -> float:
-    """Return the control step of one of Gymnasium's MuJoCo environments; nan for any other."""
-    inner = getattr(env, "unwrapped", None)
-    return float(getattr(inner, "dt", math.nan)) if hasattr(inner, "mujoco_renderer") else math.nan
+    """Return the control step, which an environment gives as `dt`, like Gymnasium's own do; nan if it does not."""
+    seconds = getattr(getattr(env, "unwrapped", None), "dt", None)
+    return float(seconds) if isinstance(seconds, int | float) and 0.0 < seconds < math.inf else math.nan
 
 
 def shaped_actions(space: gymnasium.Space[Any], actions: FloatArray) -> Any:

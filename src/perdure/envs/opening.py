@@ -7,21 +7,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from perdure.envs.gymnasium import GymnasiumWorld, call
+from perdure.envs.gymnasium import NEVER, GymnasiumWorld, call, lift, title_of
 from perdure.envs.suites import make_world, task_of_environment
 from perdure.envs.vector_env import VectorEnvWorld
 from perdure.envs.world import World
 from perdure.errors import PerdureError
 
-NEVER = 2**62
-"""A step limit that is never reached."""
 KINDS = (
     "env must be a Gymnasium id, a task (`perdure list`), a factory (a function that returns a gymnasium.Env) or a "
     "gymnasium.vector.VectorEnv"
-)
-_HORIZON_LIMIT = (
-    "it ends episodes at a training horizon (HorizonLimit); give the environment without it, and its steps as "
-    "training_horizon"
 )
 
 
@@ -93,21 +87,21 @@ def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
     probe = call("env", "the factory", factory)
     if not isinstance(probe, Env):
         raise PerdureError(f"{KINDS}; this function returned {type(probe).__name__}")
-    limit, title = getattr(probe.spec, "max_episode_steps", None), name or _title(probe)
+    limit, title = getattr(probe.spec, "max_episode_steps", None), name or title_of(probe)
     probe.close()
 
     def build() -> Any:
         made = factory()
         if getattr(made, "unwrapped", None) is probe.unwrapped:
             raise PerdureError(f"{title}: the function returned the same environment again; it must build a new one")
-        _lift(made)
+        lift(made)
         return made
 
     return OpenEnv(lambda seeds: GymnasiumWorld([build] * len(seeds), seeds, title, default_horizon=limit))
 
 
 def _vector(env: Any, name: str | None, limit: int | None) -> OpenEnv:
-    title = name or _title(getattr(env.unwrapped, "envs", [env])[0])
+    title = name or title_of(getattr(env.unwrapped, "envs", [env])[0])
 
     def make(seeds: Sequence[int]) -> World:
         return _Borrowed(env, seeds, title, default_horizon=limit)
@@ -125,37 +119,13 @@ class _Borrowed(VectorEnvWorld):
 # Step limits
 
 
-def _lift(env: Any) -> list[tuple[Any, int]]:
-    """Lift every step limit; return the wrappers with their old limits."""
-    found = [(wrapper, wrapper._max_episode_steps) for wrapper in _limits(env)]
-    for wrapper, _ in found:
-        _ = wrapper.spec  # Gymnasium computes it once, with the limit as it is at that time
-        wrapper._max_episode_steps = NEVER
-    return found
-
-
-def _limits(env: Any) -> Iterator[Any]:
-    """Yield the TimeLimit wrappers of a single environment; refuse a training horizon."""
-    from gymnasium import Wrapper
-    from gymnasium.wrappers import TimeLimit
-
-    from perdure.wrappers import HorizonLimit
-
-    while isinstance(env, Wrapper):
-        if isinstance(env, TimeLimit):
-            yield env
-        if isinstance(env, HorizonLimit):
-            raise PerdureError(f"{_title(env)}: {_HORIZON_LIMIT}")
-        env = env.env
-
-
 @contextmanager
 def _without_limits(vector: Any) -> Iterator[int | None]:
     """Lift the limits of a vector's environments for the duration of a block; yield the old limit, or None."""
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
         return
-    found = [each for env in vector.unwrapped.envs for each in _lift(env)]
+    found = [each for env in vector.unwrapped.envs for each in lift(env)]
     try:
         yield min((limit for _, limit in found), default=None)
     finally:
@@ -175,7 +145,7 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
         return
     if not remote:
         raise PerdureError(
-            f"{_title(vector)}: this VectorEnv ends episodes after {limit} steps; build it with a max_episode_steps "
+            f"{title_of(vector)}: this VectorEnv ends episodes after {limit} steps; build it with a max_episode_steps "
             "beyond the steps asked for, and give the limit as training_horizon"
         )
     vector.unwrapped.set_attr("_max_episode_steps", NEVER)
@@ -183,8 +153,3 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
         yield int(limit)
     finally:
         vector.unwrapped.set_attr("_max_episode_steps", int(limit))
-
-
-def _title(env: Any) -> str:
-    spec = getattr(env, "spec", None)
-    return str(spec.id) if spec is not None else type(env.unwrapped).__name__

@@ -153,7 +153,7 @@ class Extrapolation:
             PerdureError: If the world cannot do what `disturb` names, or does not tell how long a step is for `hours`.
         """
         if self.hours is not None and math.isnan(spec.step_seconds):
-            raise PerdureError(f"{spec.name} does not tell how long a control step is: give steps in place of hours")
+            raise PerdureError(f"{spec.name} does not say how long a step is (its attribute dt): give steps, not hours")
         asked, found = self._asked(spec.step_seconds), list[Condition]()
         if self.disturb is None and (spec.discrete_actions or spec.has_goal):
             why = f"{STANDARD}, because {spec.name} has " + ("discrete actions" if spec.discrete_actions else "a goal")

@@ -121,7 +121,7 @@ def extrapolate(
     subject: Any = load(evaluation.policies[0]) if files else policy
     if env is None:
         if not isinstance(subject, Policy):
-            raise PerdureError("env is missing: name the task, or give a factory or a VectorEnv")
+            raise PerdureError("env (--env) is missing: name the task, or give a factory or a VectorEnv")
         refuse_import(subject.task.name, evaluation.modules, "the policy")
         env = subject.task.name
     with ExitStack() as stack:

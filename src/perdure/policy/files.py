@@ -178,7 +178,11 @@ def policy_in_folder(folder: Path) -> Path:
     if len(found) == 1:
         return found[0]
     names = f"{len(found)}: {', '.join(path.name for path in found[:5])}" if found else "none"
-    raise PerdureError(f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}; see {MANUAL}")
+    below = {path.parent.name for kind in (SUFFIX, ".zip") for path in folder.glob(f"*/*{kind}")}
+    hint = f"policies or models are in its folders {', '.join(sorted(below)[:5])}" if below and not found else ""
+    raise PerdureError(
+        f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}; {hint or f'see {MANUAL}'}"
+    )
 
 
 def policy_in_cache(name: str) -> Path | None:

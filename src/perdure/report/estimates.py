@@ -281,6 +281,8 @@ def _clause(verdicts: Sequence[Verdict], between: str) -> str:
 
 def _condition(verdict: Verdict) -> str:
     under, half = f"under {verdict.group.disturbance}", verdict.group.half_failed_by
+    if verdict.label == "cannot tell":
+        return "cannot tell when calm" if verdict.group.calm else f"cannot tell {under}"
     if verdict.group.calm:
         return "holds when calm" if verdict.label == "holds" else f"when calm {verdict.claim}"
     if verdict.label == "holds":
@@ -332,7 +334,7 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
         runs = len(np.unique(group.runs))
         where = f" in {alike} of {runs} training runs" if runs > 1 else ""
         yield f"{wording.count(len(np.unique(group['eval_seed'])), 'start state')} behave as one{where}"
-    if (rate := group.failure_rate) is not None and label not in (REACHES, MISSES):
+    if (rate := group.failure_rate) is not None and label not in (REACHES, MISSES, "cannot tell"):
         yield from _per_hour(group, rate)
 
 
@@ -372,10 +374,10 @@ def _behavior(group: Group) -> list[str]:
     """Return how episodes end and whether robots move, whatever they earn: "3 of 8 fall at steps 90 to 400"."""
     reason, last, parts = group["end_reason"], group["movement_last"], list[str]()
     still = (reason == "survived") & (last < MOTIONLESS), (reason == "survived") & (last >= MOTIONLESS)
-    found = {"fall": reason == "terminated", "diverge": reason == "diverged", "lie": still[0], "move": still[1]}
+    found = {"fall": reason == "terminated", "diverge": reason == "diverged", "stay": still[0], "move": still[1]}
     for verb, mine in ((verb, mine) for verb, mine in found.items() if mine.any()):
         when = "until the end" if verb == "move" else _when("at", group["end_step"][mine])
-        when = f"nearly motionless {_when('since', _still(group)[mine])}" if verb == "lie" else when
+        when = f"nearly motionless {_when('since', _still(group)[mine])}" if verb == "stay" else when
         parts.append(f"{_of(int(mine.sum()), group.episodes, verb)} {when}")
     return parts
 
@@ -392,18 +394,22 @@ def _still(group: Group) -> IntArray:
 
 
 def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
-    """Yield for each policy and clock under several levels of one disturbance the level up to which it holds."""
-    sweeps: dict[tuple[str, str], list[tuple[float, str, bool]]] = {}
+    """Yield for each policy and clock under several levels of one disturbance the level up to which it holds.
+
+    Levels at which no verdict is possible decide nothing; they are named.
+    """
+    sweeps: dict[tuple[str, str], list[tuple[float, str, str]]] = {}
     for item in estimates:
         kind, _, level = item.group.disturbance.partition(":")
         if level and " " not in level:
             who = item.group.policy_and_clock
             amount = abs(float(level) - (kind in FACTORS))
-            sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label in GOOD))
+            sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label))
     for (who, kind), found in sweeps.items():
-        levels = [level for _, level, _ in sorted(found)]
-        held = list(takewhile(lambda each: each[2], sorted(found)))
-        if len(found) > 1:
+        levels = [level + " (cannot tell)" * (label == "cannot tell") for _, level, label in sorted(found)]
+        judged = [each for each in sorted(found) if each[2] != "cannot tell"]
+        held = list(takewhile(lambda each: each[2] in GOOD, judged))
+        if len(found) > 1 and judged:
             up_to = f"up to {held[-1][1]}" if held else "at none of these levels"
             yield f"{who}: nine in ten episodes hold under {kind} {up_to} (tried: {', '.join(levels)})."
 

@@ -12,6 +12,7 @@ import numpy as np
 from perdure.report import charts, wording
 from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
 from perdure.report.estimates import Estimate, best_clock
+from perdure.report.goals import MISSES, REACHES
 from perdure.report.groups import failure_times
 from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval, kaplan_meier
 
@@ -178,7 +179,12 @@ def _styles(chosen: Sequence[Estimate], shown: Sequence[Estimate]) -> list[Style
 
 
 def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
-    """Draw speed while working against steps between failures, one point for each training run of a group."""
+    """Draw speed while working against steps between failures, one point for each training run of a group.
+
+    Tasks that end at the goal have none: how much reward they pay until then says nothing.
+    """
+    if any({REACHES, MISSES} & {*item.group.verdicts} for item in shown):
+        return
     lines, unfailed = list[Curve](), list[charts.Row]()
     for item, look in zip(shown, _styles(shown, shown), strict=True):
         group = item.group

@@ -42,13 +42,17 @@ VERDICT = (
     .otherwise(pl.col("outcome"))
 )
 """Outcome of an episode as reports show it, from a table. A task that ends episodes at the goal judges no rewards."""
+_JUDGED = pl.col("settling") + 5 * pl.col("window")
+"""Steps with which an episode is judged in any case: four windows after settling, and one for rounding."""
 _NOTE = (
     pl.when(pl.col("policy_state") != "worked")
     .then(pl.col("policy_note"))
     .when(pl.col("outcome") == "cut")
     .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
+    .when((pl.col("outcome") == "unknown") & (pl.col("test_horizon") < _JUDGED))
+    .then(pl.format("too few steps to tell: at least {} are needed", _JUDGED))
     .when(pl.col("outcome") == "unknown")
-    .then(pl.lit("too few steps, or a final score too close to 75 % to tell"))
+    .then(pl.lit("a final score too close to 75 % to tell"))
     .otherwise(pl.lit(""))
 )
 """Why an episode has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
+import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
@@ -34,7 +35,7 @@ from perdure.report.estimates import (
 )
 from perdure.report.figures import make_figures
 from perdure.report.goals import GOOD, success_cells
-from perdure.report.schema import TABLE, read_episodes
+from perdure.report.schema import IMPORTED, TABLE, read_episodes
 from perdure.runs import write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
@@ -132,7 +133,7 @@ MOST_POINTS = 12
 """Most policies and clocks for which the text gives the evidence."""
 MOST_NAMED = 3
 """Most policies in the title of a page."""
-WATCH = "perdure watch POLICY --until-failure --out failure.mp4"
+WATCH = "perdure watch {} --until-failure --out failure.mp4"
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/how-to/"
 MOST_SHOWN, MOST_EPISODES = 40, 1000
 """Most episodes in a table that is open at first, and in one at all."""
@@ -169,7 +170,7 @@ def write_report(
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
         verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
-        parts += [header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates))]
+        parts += [header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates, folder))]
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
         parts += [figures(top), *shown, *_tables(estimates), figures(others)]
     made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
@@ -217,13 +218,14 @@ def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
-def _advice(estimates: Sequence[Estimate]) -> list[tuple[str, str]]:
+def _advice(estimates: Sequence[Estimate], folder: Path) -> list[tuple[str, str]]:
     """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
+    files = list((folder / IMPORTED).glob("*.safetensors"))
     parts: dict[str, list[Verdict]] = {}
     for item in estimates:
         parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
-    watch = f"See the first failure: {WATCH}."
+    watch = f"See the first failure: {WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else 'POLICY')}."
     failed = any(item.group.failed.any() for item in estimates)
     return [*list(found)[:MOST_NAMED], *([(watch, f"{DOCS}watch-a-failure.md")] if failed else [])]
 

@@ -79,6 +79,8 @@ GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0
 CALM = "none"
 """`disturbance` of an episode that nothing disturbed."""
 
+IMPORTED = "imported"
+"""Folder, beside the results, of policies made of other libraries' models."""
 TABLE: dict[str, Column] = {
     "policy": Column(NAME, "label of the policy, e.g. its file's stem", "key"),
     "method": Column(NAME, 'how it was trained, e.g. "geometric"'),

@@ -17,9 +17,10 @@ from perdure.runs import versions
 
 
 def not_holding(estimates: Estimates) -> list[str]:
-    """Return who neither holds nor reaches its goal, and what happens, such as "ppo: falls in 4 of 10 episodes"."""
+    """Return who does not hold, such as "ppo: falls in 4 of 10 episodes", or why it cannot tell."""
     verdicts = [item.verdict for items in estimates.values() for item in items]
-    return [verdict.short for verdict in verdicts if verdict.label not in GOOD]
+    found = [verdict for verdict in verdicts if verdict.label not in GOOD]
+    return [each.sentence.rstrip(".") if each.label == "cannot tell" else each.short for each in found]
 
 
 def summary_json(estimates: Estimates, table: Path, page: Path) -> str:

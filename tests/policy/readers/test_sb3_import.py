@@ -42,6 +42,13 @@ def test_the_algorithm_and_the_source_are_noted(name):
     assert provenance["source"]["stable-baselines3"] == "2.9.2"
 
 
+def test_a_missing_normalizer_is_named_with_its_flag(tmp_path):
+    with pytest.raises(PerdureError, match=r"--normalizer \(normalizer=\): there is no file .*gone\.pkl"):
+        imported("ppo", normalizer=tmp_path / "gone.pkl")
+    with pytest.raises(PerdureError, match="--normalizer"):
+        import_once(FIXTURES / "ppo.zip", tmp_path, "Pendulum-v1", normalizer=str(tmp_path / "gone.pkl"))
+
+
 def test_how_time_is_treated():
     plain = imported("ppo", normalizer=FIXTURES / "ppo.pkl")
     assert (plain.protocol.embedding, plain.clock, plain.protocol.horizon) == (None, None, Fixed(200))

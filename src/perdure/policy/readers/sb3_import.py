@@ -78,7 +78,7 @@ def import_sb3(
     """
     task = task_of_environment(env)
     spec = task_spec(task)
-    path, written = Path(path), None if normalizer in (None, NO_NORMALIZER) else Path(str(normalizer))
+    path, written = Path(path), _written(normalizer)
     if trust:
         from perdure.policy.readers.trusted import load_sb3, load_vecnormalize
 
@@ -130,7 +130,7 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
         **options,
         "env": task_of_environment(env),
         "model": file_digest(path),
-        "normalizer": None if normalizer in (None, NO_NORMALIZER) else file_digest(Path(normalizer)),
+        "normalizer": None if (written := _written(normalizer)) is None else file_digest(written),
         "no normalizer": normalizer == NO_NORMALIZER,
         "versions": library_versions(),
     }
@@ -149,6 +149,15 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     policy = import_file(path, env, **options)
     folder.mkdir(parents=True, exist_ok=True)
     return save_policy(policy, target)
+
+
+def _written(normalizer: str | Path | None) -> Path | None:
+    """Return the file with a normalizer's statistics; PerdureError if it is missing."""
+    if normalizer is None or normalizer == NO_NORMALIZER:
+        return None
+    if not (path := Path(normalizer)).exists():
+        raise PerdureError(f"--normalizer (normalizer=): there is no file {path}")
+    return path
 
 
 def _policy(
