@@ -190,7 +190,7 @@ def test_every_public_name_and_flag_is_in_the_reference(site):
     offered = {name for each in api_pages.public_modules() for name in api_pages.public_names(each)}
     assert offered - {anchor.rsplit(".", 1)[-1] for anchor in found} == set()
     commands = (site / "reference" / "cli.html").read_text()
-    for words in ("perdure train", "perdure home run", "--first-eval-seed", "--release-velocity", "--ppo.total-steps"):
+    for words in ("perdure train", "perdure home run", "--first-eval-seed", "--physics-hz", "--ppo.total-steps"):
         assert words in commands
 
 

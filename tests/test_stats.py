@@ -20,7 +20,6 @@ from perdure.stats import (
     compare_unpaired,
     compare_with,
     estimate_interval,
-    holm,
     kaplan_meier,
     make_units,
     mean_difference,
@@ -78,19 +77,6 @@ def test_students_interval_as_in_the_tables():
     assert estimate_interval(Units(np.arange(10.0), "x"), rng()).method == "bootstrap"
 
 
-@pytest.mark.parametrize("n", [5, 8, 30])
-def test_the_interval_of_the_middle_mean_is_yuens(n):
-    """Beside a group of equal numbers Yuen's test of SciPy has the p value 0.05 at a bound."""
-    values = rng(n).exponential(1.0, n)
-    found = t_interval(Units(values, "x"), "iqm")
-    assert float(found.estimate) == pytest.approx(stats.trim_mean(values, 0.25))
-    for bound in (float(found.lower), float(found.upper)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of precision: the other group has no spread
-            p = stats.ttest_ind(values, np.full(n, bound), equal_var=False, trim=0.25).pvalue
-        assert p == pytest.approx(0.05, abs=1e-6)
-
-
 def test_resampling_episodes_instead_of_runs_misses_the_mean_which_is_why_runs_are_the_units():
     # 6 runs whose true levels differ (sd 1), 50 episodes each with little noise: the mean is known to +- 1/sqrt(6).
     source, runs = rng(3), np.repeat(np.arange(6), 50)
@@ -116,12 +102,6 @@ def test_one_run_resamples_its_episodes_and_says_so():
     assert 1.5 < interval.lower < 4.0 < interval.upper < 6.5
 
 
-def test_the_iqm_ignores_the_outer_quarters():
-    scores = np.array([-1e6, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 1e9])
-    assert bootstrap_interval(Units(scores, "x"), rng(), "iqm").estimate == 2.5
-    assert bootstrap_interval(Units(scores, "x"), rng(), "mean").estimate == scores.mean()
-
-
 def test_a_two_point_bootstrap_is_the_binomial_distribution():
     # 40 zeros and 60 ones: the resampled mean is Binomial(100, 0.6) / 100, whose 2.5 % and 97.5 % points are 50 and 69.
     scores = np.repeat([0.0, 1.0], [40, 60])
@@ -130,16 +110,15 @@ def test_a_two_point_bootstrap_is_the_binomial_distribution():
     assert float(interval.upper) == pytest.approx(0.69, abs=0.011)
 
 
-@pytest.mark.parametrize("statistic", ["mean", "iqm"])
 @pytest.mark.parametrize("interval", [bootstrap_interval, estimate_interval])
-def test_degenerate_data_give_an_answer_without_warnings(interval, statistic):
+def test_degenerate_data_give_an_answer_without_warnings(interval):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        one = interval(Units(np.array([3.0]), "x"), rng(), statistic)
-        same = interval(Units(np.full(5, 3.0), "x"), rng(), statistic)
-        nearly = interval(Units(np.array([0.0, 1, 1, 1, 1, 1, 1, 1, 9]), "x"), rng(), statistic)
-        broken = interval(Units(np.array([1.0, math.nan, 2.0]), "x"), rng(), statistic)
-        endless = interval(Units(np.array([1.0, math.inf, 2.0]), "x"), rng(), statistic)
+        one = interval(Units(np.array([3.0]), "x"), rng())
+        same = interval(Units(np.full(5, 3.0), "x"), rng())
+        nearly = interval(Units(np.array([0.0, 1, 1, 1, 1, 1, 1, 1, 9]), "x"), rng())
+        broken = interval(Units(np.array([1.0, math.nan, 2.0]), "x"), rng())
+        endless = interval(Units(np.array([1.0, math.inf, 2.0]), "x"), rng())
     assert one.estimate == same.estimate == same.lower == same.upper == 3.0
     assert np.isnan(one.lower)
     assert np.isnan(one.upper)
@@ -270,15 +249,14 @@ def test_shapes_that_do_not_fit_are_refused(values, runs):
 @settings(max_examples=40, deadline=None)
 @given(
     arrays(np.float64, st.tuples(st.integers(2, 8), st.integers(1, 3)), elements=st.floats(-1e6, 1e6)),
-    st.sampled_from(["mean", "iqm"]),
 )
-def test_percentile_bounds_lie_within_the_data_and_move_with_it(scores, statistic):
-    interval = bootstrap_interval(Units(scores, "x"), rng(), statistic, resamples=100)
+def test_percentile_bounds_lie_within_the_data_and_move_with_it(scores):
+    interval = bootstrap_interval(Units(scores, "x"), rng(), resamples=100)
     slack = 1e-9 * (1.0 + np.abs(scores).max())
     assert np.all(scores.min(axis=0) - slack <= interval.lower)
     assert np.all(interval.lower <= interval.upper)
     assert np.all(interval.upper <= scores.max(axis=0) + slack)
-    moved = bootstrap_interval(Units(-scores, "x"), rng(), statistic, resamples=100)
+    moved = bootstrap_interval(Units(-scores, "x"), rng(), resamples=100)
     assert moved.estimate == pytest.approx(-interval.estimate, abs=float(slack))
 
 
@@ -295,8 +273,7 @@ def test_unpaired_is_welch(groups):
     found, reference = compare_unpaired(*groups), stats.ttest_ind(*groups, equal_var=False)
     interval = reference.confidence_interval(0.95)
     assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high))
-    assert found.p() == pytest.approx(reference.pvalue)
-    assert found.count == "5 against 9"
+    assert found.count == 5
 
 
 def test_paired_is_student_over_differences_of_common_runs(groups):
@@ -304,7 +281,6 @@ def test_paired_is_student_over_differences_of_common_runs(groups):
     found, reference = compare_paired(left, right), stats.ttest_rel(groups[0], groups[1][:5])
     interval = reference.confidence_interval(0.95)
     assert (found.lower, found.upper) == pytest.approx((interval.low, interval.high))
-    assert found.p() == pytest.approx(reference.pvalue)
 
 
 def test_pairing_narrows_the_interval_of_runs_that_vary_together():
@@ -316,108 +292,28 @@ def test_pairing_narrows_the_interval_of_runs_that_vary_together():
 
 def test_against_a_number_is_student(groups):
     found, reference = compare_with(list(groups[1]), 0.5), stats.ttest_1samp(groups[1], 0.5)
-    assert found.p() == pytest.approx(reference.pvalue)
-
-
-def test_p_of_another_threshold(groups):
-    reference = stats.ttest_ind(groups[0] - 2.0, groups[1], equal_var=False)
-    assert compare_unpaired(*groups).p(2.0) == pytest.approx(reference.pvalue)
-
-
-def test_improvement_is_the_share_of_pairs():
-    assert compare_unpaired([1.0, 3.0], [0.0, 3.0]).improvement == pytest.approx((1 + 0 + 1 + 0.5) / 4)
-
-
-def test_no_spread_has_the_p_value_of_the_permutation_test():
-    found = compare_unpaired([1.0] * 3, [0.0] * 3)
-    assert (found.lower, found.upper) == (1.0, 1.0)
-    assert found.p() == pytest.approx(2 / 20)  # 2 of the 20 ways to choose 3 of 6 are as extreme
-
-
-def test_permutation_of_two_groups_counts_by_hand():
-    """Of the 10 ways to choose 2 of 5, only {8, 9} is as great as the left side: one-sided 1 / 10."""
-    found = compare_unpaired([8.0, 9.0], [1.0, 2.0, 3.0])
-    assert found.permutation_p() == pytest.approx(2 / 10)
-    assert found.permutation_p(6.5) == pytest.approx(1.0)  # shifted by their difference the sides are alike
-
-
-@pytest.mark.parametrize(("n", "m"), [(2, 3), (3, 3), (3, 10), (5, 5)])
-@pytest.mark.parametrize("shift", [0.0, 1.0, 100.0])
-def test_permutation_of_two_groups_agrees_with_scipy(n, m, shift):
-    rng = np.random.default_rng(n + m)
-    left, right = rng.normal(size=n).round(1) + shift, rng.normal(size=m).round(1)
-
-    def difference(a, b, axis):
-        return a.mean(axis) - b.mean(axis)
-
-    expected = stats.permutation_test((left, right), difference, vectorized=True, n_resamples=np.inf)
-    assert compare_unpaired(left, right).permutation_p() == pytest.approx(expected.pvalue)
-
-
-def test_permutation_of_pairs_flips_signs():
-    """All four differences are positive: 1 of 2^4 flips is as great, or 2 where the least difference is 0."""
-    left, right = {0: 2.0, 1: 3.0, 2: 4.0, 3: 5.0}, dict.fromkeys(range(4), 1.0)
-    assert compare_paired(left, right).permutation_p() == pytest.approx(2 / 16)
-    assert compare_with([2.0, 3.0, 4.0, 5.0], 2.0).permutation_p() == pytest.approx(4 / 16)
-
-
-def test_a_large_permutation_test_is_near_welch_and_gives_the_same_p_twice():
-    rng = np.random.default_rng(5)
-    left, right = rng.normal(0.6, 1.0, 20), rng.normal(0.0, 1.0, 20)
-    found = compare_unpaired(left, right)
-    assert found.permutation_p() == pytest.approx(found.p(), abs=0.01)
-    assert found.permutation_p() == compare_unpaired(left, right).permutation_p()
+    interval = reference.confidence_interval(0.95)
+    assert (found.lower + 0.5, found.upper + 0.5) == pytest.approx((interval.low, interval.high))
 
 
 @pytest.mark.parametrize("runs", [3, 6, 20])
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_runs_that_agree_have_no_spread_whatever_their_rounding(value, runs):
-    """0.9 three times has a standard deviation of 1e-16; a t test would find p = 1e-32."""
+    """0.9 three times has a standard deviation of 1e-16, which is rounding."""
     found = compare_with([value] * runs, 0.1)
     assert found.half == 0.0
-    assert found.p() == found.permutation_p() > 1e-6
-
-
-def test_ties_with_a_number_count_half():
-    assert compare_with([1.0, 2.0, 3.0, 3.0], 2.0).improvement == pytest.approx((0 + 0.5 + 1 + 1) / 4)
 
 
 def test_one_run_gives_no_interval():
     found = compare_unpaired([1.0], [0.0, 2.0])
     assert math.isnan(found.lower)
-    assert math.isnan(found.p())
-    assert math.isnan(found.permutation_p())
-
-
-def test_holm():
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-
-
-def test_holm_counts_comparisons_that_are_not_there_yet():
-    now, later = [0.01, math.nan, 0.03, 0.005], [0.01, 0.04, 0.03, 0.005]
-    adjusted = holm(now)
-    assert adjusted == pytest.approx([0.03, math.nan, 0.06, 0.02], nan_ok=True)
-    assert all(a <= b or math.isnan(b) for a, b in zip(holm(later), adjusted, strict=True))
 
 
 def test_a_mean_of_differences_by_hand():
     """Errors 3 and 4: the mean has sqrt(9 + 16) / 2 = 2.5, and 625 / (81 / 4 + 256 / 9) degrees of freedom."""
-    first = Difference(5.0, 1.0, 3.0, 4.0, 0.9, 5, 7, "Welch t")
-    second = Difference(2.0, 0.0, 4.0, 9.0, 0.5, 10, 6, "Welch t")
+    first = Difference(5.0, 1.0, 3.0, 4.0, 5)
+    second = Difference(2.0, 0.0, 4.0, 9.0, 6)
     found = mean_difference([first, second])
     assert (found.estimate, found.error) == pytest.approx((3.0, 2.5))
     assert found.freedom == pytest.approx(625.0 / (81.0 / 4.0 + 256.0 / 9.0))
-    assert found.improvement == pytest.approx(0.7)
-    assert (found.n_left, found.n_right) == (5, 6)
-    scaled = mean_difference([first, second], [2.0, 4.0])
-    assert scaled.estimate == pytest.approx((4.0 / 2.0 + 2.0 / 4.0) / 2.0)
-    assert scaled.error == pytest.approx(math.hypot(3.0 / 2.0, 4.0 / 4.0) / 2.0)
-
-
-def test_adjusted_p_values_are_at_most_1():
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-
-
-def test_a_tie_of_paired_runs_counts_half():
-    found = compare_paired({0: 1.0, 1: 2.0, 2: 4.0, 3: 0.0}, {0: 1.0, 1: 1.0, 2: 3.0, 3: 5.0})
-    assert found.improvement == pytest.approx((0.5 + 1 + 1 + 0) / 4)
+    assert found.count == 5

@@ -16,23 +16,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import chain, combinations
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     *("Difference", "FailureRate", "Interval", "Units", "bootstrap_interval", "clopper_pearson", "compare_paired"),
-    *("compare_unpaired", "compare_with", "estimate_interval", "holm", "kaplan_meier", "make_units"),
+    *("compare_unpaired", "compare_with", "estimate_interval", "kaplan_meier", "make_units"),
     *("mean_difference", "mean_interval", "measure_failure_rate", "median_time", "survival_interval", "t_interval"),
 ]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Statistic = Literal["mean", "iqm"]
-"""The mean, or the mean of the middle half: a quarter of the units is cut at each end."""
 
 TRAINING_SEEDS = "training seeds"
 EVALUATION_SEEDS_ONLY = "evaluation seeds only"
@@ -45,9 +40,6 @@ FEWEST = 2
 """Units that an interval needs."""
 FEWEST_FOR_INTERVAL = 3
 """Figures draw no interval over fewer units: two have one difference, which says little about their spread."""
-PERMUTATIONS = 200_000
-"""Of a permutation test. It is exact where there are no more, as of 10 runs against 10, or of 17 pairs."""
-_TRIMMED: dict[Statistic, float] = {"mean": 0.0, "iqm": 0.25}
 _BATCH_ELEMENTS = 4_000_000
 
 
@@ -113,9 +105,9 @@ def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
     return Units(np.stack([rows[index == run].mean(axis=0) for run in range(len(distinct))]), TRAINING_SEEDS)
 
 
-def estimate_interval(units: Units, rng: np.random.Generator, statistic: Statistic = "mean") -> Interval:
-    """Estimate a statistic over units: Student's t interval below `FEW_UNITS` units, else a bootstrap interval."""
-    return t_interval(units, statistic) if units.count < FEW_UNITS else bootstrap_interval(units, rng, statistic)
+def estimate_interval(units: Units, rng: np.random.Generator) -> Interval:
+    """Estimate the mean over units: Student's t interval below `FEW_UNITS` units, else a bootstrap interval."""
+    return t_interval(units) if units.count < FEW_UNITS else bootstrap_interval(units, rng)
 
 
 def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator) -> Interval:
@@ -123,43 +115,35 @@ def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator) 
     return estimate_interval(make_units(values, runs), rng)
 
 
-def t_interval(units: Units, statistic: Statistic = "mean", confidence: float = CONFIDENCE) -> Interval:
-    """Estimate a statistic over units with Student's t interval at every point of a curve on its own.
+def t_interval(units: Units, confidence: float = CONFIDENCE) -> Interval:
+    """Estimate the mean over units with Student's t interval at every point of a curve on its own.
 
-    mean -+ t(h - 1) sqrt((n - 1) s_w^2 / (h (h - 1))), h the units that the statistic keeps of n, s_w^2 the variance of
-    the winsorized units [Tukey and McLaughlin, 1963, Sankhya A 25; Yuen, 1974, Biometrika 61]. For the mean h = n and
-    this is Student's interval. Exact for normal scores of the units.
-
-    A single unit, or a value that is not finite, gives nan bounds. Units that all agree give bounds equal to the
-    estimate: they show no spread, which is not certainty.
+    Exact for normal scores of the units. A single unit, or a value that is not finite, gives nan bounds. Units that all
+    agree give bounds equal to the estimate: they show no spread, which is not certainty.
     """
     from scipy.special import stdtrit
 
-    n, cut = units.count, int(_TRIMMED[statistic] * units.count)
-    kept, columns = n - 2 * cut, _columns(units)
-    estimate, half = _statistic(statistic, columns, axis=0), np.nan
-    if kept >= FEWEST:
-        ordered = np.sort(columns, axis=0)
-        winsorized = np.clip(ordered, ordered[cut], ordered[n - 1 - cut])
-        spread = ((winsorized - winsorized.mean(axis=0)) ** 2).sum(axis=0)
-        half = stdtrit(kept - 1, 0.5 + confidence / 2.0) * np.sqrt(spread / (kept * (kept - 1)))
+    n, columns = units.count, _columns(units)
+    estimate, half = columns.mean(axis=0), np.nan
+    if n >= FEWEST:
+        spread = ((columns - estimate) ** 2).sum(axis=0)
+        half = stdtrit(n - 1, 0.5 + confidence / 2.0) * np.sqrt(spread / (n * (n - 1)))
     return _interval(units, estimate, estimate - half, estimate + half, STUDENT_T)
 
 
 def bootstrap_interval(
     units: Units,
     rng: np.random.Generator,
-    statistic: Statistic = "mean",
     confidence: float = CONFIDENCE,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Estimate a statistic over units, with a percentile bootstrap [Efron, 1979] at every point of a curve on its own.
+    """Estimate the mean over units, with a percentile bootstrap [Efron, 1979] at every point of a curve on its own.
 
     nan and equal values are treated as in `t_interval`. Few units give intervals that are too narrow: with 5 normal
     scores a 95 % interval covers the true mean about 84 times in 100, with 24 about 94 times.
     """
     columns = _columns(units)
-    estimate = _statistic(statistic, columns, axis=0)
+    estimate = columns.mean(axis=0)
     bounds = np.tile(np.nan if units.count < FEWEST else estimate, (2, 1))
     varied = np.isfinite(estimate) & (columns != columns[:1]).any(axis=0)
     if varied.any():
@@ -167,7 +151,7 @@ def bootstrap_interval(
 
         found = bootstrap(
             (columns[:, varied],),
-            lambda values, axis: _statistic(statistic, values, axis),
+            np.mean,
             n_resamples=resamples,
             batch=max(1, min(resamples, _BATCH_ELEMENTS // columns[:, varied].size)),
             vectorized=True,
@@ -207,14 +191,6 @@ def clopper_pearson(share: ArrayLike, count: int, confidence: float = CONFIDENCE
     lower = np.where(hits > 0, betaincinv(np.maximum(hits, 1), count - hits + 1, tail), 0.0)
     upper = np.where(hits < count, betaincinv(hits + 1, np.maximum(count - hits, 1), 1.0 - tail), 1.0)
     return lower, upper
-
-
-def _statistic(name: Statistic, values: FloatArray, axis: int) -> FloatArray:
-    if name == "mean":
-        return np.asarray(values.mean(axis=axis))
-    from scipy.stats import trim_mean
-
-    return np.asarray(trim_mean(values, _TRIMMED[name], axis=axis))
 
 
 def _columns(units: Units) -> FloatArray:
@@ -329,15 +305,8 @@ class Difference:
     """Standard error of the difference; nan where there are too few runs."""
     freedom: float
     """Degrees of freedom of Student's t."""
-    improvement: float
-    """Share of pairs of runs (of runs, where paired or beside a number) in which left is greater; ties count half."""
-    n_left: int
-    n_right: int
-    """Runs on each side; 0: the right side is a number."""
-    method: str
-    """"paired t", "Welch t" or "Student t" (against a number)."""
-    samples: tuple[tuple[float, ...], ...] = ()
-    """What a permutation test permutes: the two sides, or one sample of differences; () where there is no such test."""
+    count: int
+    """Runs on the side with fewer."""
 
     @property
     def estimate(self) -> float:
@@ -363,127 +332,46 @@ class Difference:
         """Likewise."""
         return self.estimate + self.half
 
-    def p(self, threshold: float = 0.0) -> float:
-        """Return the two-sided p value of the difference being this, by Student's t; nan where there are too few runs.
-
-        Runs without any spread have the p value of the permutation test.
-        """
-        if self.error == 0.0:
-            return self.permutation_p(threshold)
-        from scipy.special import stdtr
-
-        return 2.0 * float(stdtr(self.freedom, -abs(self.estimate - threshold) / self.error))
-
-    def permutation_p(self, threshold: float = 0.0) -> float:
-        """Return the same by a permutation test of the difference of means; nan where there are too few runs.
-
-        Two groups are permuted after the threshold is taken from the left side, which assumes that they differ by a
-        shift. One group, of differences, has its signs flipped, which assumes that it is symmetric [Ernst, 2004,
-        "Permutation Methods: A Basis for Exact Inference"].
-        """
-        if not self.samples or math.isnan(self.error):
-            return math.nan
-        first, *others = map(np.array, self.samples)
-        if others and math.comb(self.n_left + self.n_right, self.n_left) <= PERMUTATIONS:
-            return _exact_p(first - threshold, others[0])
-        from scipy.stats import permutation_test
-
-        kind = "independent" if others else "samples"
-        how: dict[str, Any] = {"n_resamples": PERMUTATIONS, "rng": 0, "vectorized": True, "permutation_type": kind}
-        return float(permutation_test((first - threshold, *others), _difference_of_means, **how).pvalue)
-
-    @property
-    def count(self) -> str:
-        """How many runs there are, such as "10" or "5 against 10"."""
-        one = self.n_right in (0, self.n_left)
-        return str(self.n_left) if one else f"{self.n_left} against {self.n_right}"
-
 
 def compare_paired(left: Mapping[int, float], right: Mapping[int, float]) -> Difference:
     """Compare two deployments of the same training runs, by the differences within runs; keys are training seeds."""
     seeds = sorted(set(left) & set(right))
     a, b = (np.array([side[seed] for seed in seeds], np.float64) for side in (left, right))
-    return _difference(a, b, len(b), a - b, "paired t", _student(a - b), a - b)
+    return Difference(_mean(a), _mean(b), *_student(a - b), len(seeds))
 
 
 def compare_unpaired(left: ArrayLike, right: ArrayLike) -> Difference:
     """Compare two groups of training runs that have nothing in common, by Welch's t interval."""
     a, b = np.asarray(left, np.float64), np.asarray(right, np.float64)
-    return _difference(a, b, len(b), a[:, None] - b, "Welch t", _welch(a, b), a, b)
+    return Difference(_mean(a), _mean(b), *_welch(a, b), min(len(a), len(b)))
 
 
 def compare_with(left: ArrayLike, value: float) -> Difference:
     """Compare a group of training runs with a number, by Student's t interval."""
     a = np.asarray(left, np.float64)
-    return _difference(a, np.array([value]), 0, a - value, "Student t", _student(a - value), a - value)
+    return Difference(_mean(a), value, *_student(a - value), len(a))
 
 
-def mean_difference(differences: Sequence[Difference], scales: Sequence[float] | None = None) -> Difference:
+def mean_difference(differences: Sequence[Difference]) -> Difference:
     """Return the mean of independent differences, with Satterthwaite's degrees of freedom [1946, Biometrics 2].
 
-    Args:
-        differences: Such as one for each task; at least one.
-        scales: What each is divided by first, taken as exact; 1 by default.
+    There is at least one, such as one for each task.
     """
-    k, by = len(differences), [1.0] * len(differences) if scales is None else scales
-    parts = [(each.error / scale / k) ** 2 for each, scale in zip(differences, by, strict=True)]
+    k = len(differences)
+    parts = [(each.error / k) ** 2 for each in differences]
     squared = sum(parts)
     terms = [part**2 / each.freedom for part, each in zip(parts, differences, strict=True) if part > 0.0]
     return Difference(
-        left=sum(each.estimate / scale for each, scale in zip(differences, by, strict=True)) / k,
+        left=sum(each.estimate for each in differences) / k,
         right=0.0,
         error=math.sqrt(squared),
         freedom=squared**2 / sum(terms) if terms else math.nan,
-        improvement=sum(each.improvement for each in differences) / k,
-        n_left=min(each.n_left for each in differences),
-        n_right=min(each.n_right for each in differences),
-        method=f"mean of {k} tasks",
+        count=min(each.count for each in differences),
     )
 
 
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjust p values for their number by Holm's step-down method [Holm, 1979, Scand. J. Statist. 6].
-
-    nan, a comparison that is not there yet, stays nan and counts: what is decided now stays decided when it comes.
-    """
-    p = np.asarray(p_values, np.float64)
-    order = np.argsort(p)  # nan last
-    adjusted = np.empty_like(p)
-    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(p), 0, -1) * p[order]))
-    return [float(each) for each in adjusted]
-
-
-def _difference(
-    a: FloatArray, b: FloatArray, n: int, apart: FloatArray, method: str, spread: tuple[float, float], *data: FloatArray
-) -> Difference:
-    """Return the difference of two sides whose runs (or pairs of them) are so far `apart`."""
-    left, right = (float(side.mean()) if side.size else math.nan for side in (a, b))
-    improvement = float((np.sign(apart) + 1.0).mean() / 2.0) if apart.size else math.nan
-    kept = tuple(tuple(each.tolist()) for each in data)
-    return Difference(left, right, *spread, improvement, len(a), n, method, kept)
-
-
-def _difference_of_means(a: FloatArray, b: FloatArray | None = None, axis: int = -1) -> FloatArray:
-    """Return the mean of one group, or the difference of the means of two."""
-    return np.asarray(a.mean(axis) if b is None else a.mean(axis) - b.mean(axis))
-
-
-def _exact_p(a: FloatArray, b: FloatArray) -> float:
-    """Return the p value of all permutations, as SciPy's `permutation_test` does, in a hundredth of its time."""
-    pooled, n, m = np.concatenate([a, b]), len(a), len(b)
-    left = pooled[_choices(n + m, n)].sum(axis=1)
-    means = left / n - (pooled.sum() - left) / m
-    observed = float(a.mean() - b.mean())
-    slack = max(abs(observed), float(np.abs(pooled).max())) * 1e-13  # equal differences, summed in another order
-    less, greater = float(np.mean(means <= observed + slack)), float(np.mean(means >= observed - slack))
-    return min(1.0, 2.0 * min(less, greater))
-
-
-@cache
-def _choices(n: int, k: int) -> NDArray[np.int8]:
-    """Return every choice of k of n, shape (choices, k)."""
-    flat = np.fromiter(chain.from_iterable(combinations(range(n), k)), np.int8, math.comb(n, k) * k)
-    return flat.reshape(-1, k)
+def _mean(values: FloatArray) -> float:
+    return float(values.mean()) if values.size else math.nan
 
 
 def _student(values: FloatArray) -> tuple[float, float]:

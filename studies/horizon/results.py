@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
 from perdure.errors import PerdureError
@@ -30,20 +29,11 @@ from studies.horizon.grid import Grid, Row
 
 TEST, VALIDATION = "test", "validation"
 RUN = ("setting", "method", "train_seed")
-WITHIN = 1000
-"""Steps of the measures "return within" and "failed within"."""
-LATE = 0.1
-"""Share of the test horizon, at its end, of "reward late"; of the training steps, of "training return"."""
 CURVE_POINTS = 80
 """Recorded steps that are kept of an episode, at most: what a figure draws."""
 LEARNING_POINTS = 50
-MEASURED = (
-    *("return", "return within", "reward late", SCORE, "failed share", "failed within", "ended share", "hold share"),
-    *("end score vs training", "training score vs published", "steps to failure"),
-)
+MEASURED = ("return", SCORE, "failed share", "training score vs published", "steps to failure")
 """Measures of `claims.MEASURES` that episodes give."""
-MECHANISM = ("fall rate", "value error", "value variance", "action dependence")
-"""Measures of the mechanism table that are one number for each training run."""
 _UNKNOWN = pl.col("policy_state") == "cannot tell"
 VERDICT = (
     pl.when(_UNKNOWN | ((pl.col("policy_state") == "worked") & pl.col("outcome").is_in(["cut", "unknown"])))
@@ -53,7 +43,6 @@ VERDICT = (
     .otherwise(pl.col("outcome"))
 )
 """As reports show it, but falls of a policy that cannot be judged do not count alone: shares would be of falls only."""
-VERDICTS = ("holds", "decays", "fails silently", "falls", "diverges", "never worked", "cannot tell")
 
 
 @dataclass(frozen=True)
@@ -112,9 +101,6 @@ EPISODES = FrozenTable(
         "end_score_vs_training": pl.Float64,
         "ever_idle": pl.Boolean,
         "return": pl.Float64,
-        "left_first": pl.String,  # observation component that was first to leave its training range
-        "return_within": pl.Float64,  # return of the first 1,000 steps
-        "reward_late": pl.Float64,  # reward per step in the last tenth
         "curve_steps": pl.List(pl.Int32),  # of test episodes: recorded steps, and the return so far at each
         "curve": pl.List(pl.Float32),
     },
@@ -179,22 +165,14 @@ def freeze_episodes(table: pl.DataFrame, setting: str, method: str, split: str) 
     """
     episode = ("train_seed", "clock", "eval_seed")
     table = name_clocks(table).sort(*episode, "step")
-    horizon, steps = int(table["test_horizon"][0]), table["step"].unique().sort().to_numpy()
-
-    def last_before(step: float) -> int:
-        return int(steps[np.searchsorted(steps, step, side="right") - 1])
-
-    within, before = last_before(min(WITHIN, horizon)), last_before((1.0 - LATE) * horizon)
+    steps = table["step"].unique().sort().to_numpy()
     kept = [int(step) for step in steps[thin(steps, CURVE_POINTS)]] if split == TEST else []
     so_far, step = pl.col("return"), pl.col("step")
     rows = table.group_by(episode, maintain_order=True).agg(
         pl.exclude("step", "return", "alive").last(),
         so_far.last(),
-        so_far.filter(step == within).first().alias("return_within"),
-        ((so_far.last() - so_far.filter(step == before).first()) / (horizon - before)).alias("reward_late"),
         step.filter(step.is_in(kept)).alias("curve_steps"),
         so_far.filter(step.is_in(kept)).alias("curve"),
-        pl.col("end_detail").last().str.extract(r"(observation\[\d+\]) left").alias("left_first"),
     )
     named = rows.with_columns(setting=pl.lit(setting), method=pl.lit(method), split=pl.lit(split))
     return named.select(pl.col(name).cast(kind) for name, kind in EPISODES.columns.items())
@@ -218,8 +196,8 @@ def freeze_learning(episodes: pl.DataFrame, setting: str, method: str, train_see
 def measure(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return episodes with the verdict and the measures.
 
-    A policy that never worked has failed from the start: end score 0, no steps to failure. Where the verdict is "cannot
-    tell", what says whether an episode failed is null.
+    A policy that never worked has failed from the start. Where the verdict is "cannot tell", what says whether an
+    episode failed is null.
     """
 
     def judged(found: pl.Expr) -> pl.Expr:
@@ -227,22 +205,14 @@ def measure(episodes: pl.DataFrame) -> pl.DataFrame:
 
     horizon, idle = pl.col("test_horizon"), pl.col("idle_rate")
     never = pl.col("policy_state") == "never worked"
-    ended = pl.col("end_reason").is_in(["terminated", "diverged"])
     failed = pl.col("outcome").is_in(EPISODE_FAILURES) | never
     steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
     score = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("published_rate") - idle) * horizon)
-    within = pl.min_horizontal(WITHIN, horizon)
     return episodes.with_columns(
         verdict=VERDICT,
         **{
-            "return within": pl.col("return_within"),
-            "reward late": pl.col("reward_late"),
             SCORE: score,
             "failed share": judged(failed),
-            "failed within": judged(failed & (steps < within)),
-            "ended share": ended.cast(pl.Float64),
-            "hold share": judged(VERDICT == "holds"),
-            "end score vs training": pl.when(ended | never).then(0.0).otherwise(pl.col("end_score_vs_training")),
             "training score vs published": TRAINING_SCORE,
             "steps to failure": judged(steps),
         },
@@ -262,13 +232,12 @@ class Results:
 
     @cached_property
     def runs(self) -> dict[str, pl.DataFrame]:
-        """The means of each clock and training run by split, number of episodes and shares of verdicts."""
+        """The means of each clock and training run by split, and the number of episodes."""
         keys = ("setting", "method", "clock", "clock_kind", "clock_steps", "train_seed")
-        shares = [(pl.col("verdict") == name).mean().alias(name) for name in VERDICTS if name != "holds"]
         means = [pl.col(name).mean() for name in MEASURED]
         runs = (
             self.episodes.group_by("split", "row", *keys)
-            .agg(pl.len().alias("episodes"), *means, *shares)
+            .agg(pl.len().alias("episodes"), *means)
             .sort("row", "clock_kind", "clock_steps", "train_seed")
         )
         return {split: runs.filter(pl.col("split") == split).drop("split", "row") for split in (TEST, VALIDATION)}
@@ -285,22 +254,6 @@ class Results:
         """Return the runs of one row on one split; an empty frame where it is not evaluated."""
         return self._by_row.get((split, row.setting, row.method), pl.DataFrame())
 
-    @cached_property
-    def training(self) -> pl.DataFrame:
-        """Mean return of the last training episodes: setting, method, train_seed, "training return"."""
-        first = (1.0 - LATE) * pl.col("step").max().over(RUN)
-        late = self.learning.filter(pl.col("step") > first * (1.0 + 1e-9))
-        mean = (pl.col("return") * pl.col("episodes")).sum() / pl.col("episodes").sum()
-        return late.group_by(RUN, maintain_order=True).agg(mean.alias("training return"))
-
-    @cached_property
-    def run_measures(self) -> pl.DataFrame:
-        """The measures of `MECHANISM`, one row for each training run; null where a measure has no meaning."""
-        whole = self.mechanism.filter(pl.col("at").is_null())
-        wide = whole.pivot(on="measure", index=RUN, values="result", maintain_order=True)
-        missing = [pl.lit(None, pl.Float64).alias(name) for name in MECHANISM if name not in wide.columns]
-        return wide.with_columns(missing).select(*RUN, *MECHANISM)
-
     @cache  # noqa: B019 - a process reads one set of results
     def values(self, setting: str, condition: Condition, measure: str = "return") -> dict[int, float]:
         """Return a measure of each training run under a condition, by training seed; {} where it is not there."""
@@ -310,9 +263,9 @@ class Results:
         if measure in MEASURED:
             test = self.of(row)
             return {} if test.is_empty() else values_under(test, self.clocks(row, condition.clock), measure)
-        table = self.training if measure == "training return" else self.run_measures
-        found = table.filter((pl.col("setting") == setting) & (pl.col("method") == condition.method))
-        return {seed: value for seed, value in found.select("train_seed", measure).iter_rows() if value is not None}
+        mine = (pl.col("setting") == setting) & (pl.col("method") == condition.method)
+        found = self.mechanism.filter(mine & pl.col("at").is_null() & (pl.col("measure") == measure))
+        return dict(found.select("train_seed", "result").iter_rows())
 
     def start_states(self, setting: str, method: str) -> int:
         """Return the number of test start states of each training run; 0 where none is evaluated."""

@@ -8,7 +8,6 @@ The return to go of a step is what the critic was trained to predict: the sum of
 where its end counts as terminated, the discounted sum without an end where it is bootstrapped. With gamma = 1 and a
 bootstrap the value is determined only up to a constant, so there is nothing to compare.
 
-    value error     root mean square of (return to go - value) / standard deviation of the returns to go
     value variance  variance of (return to go - value) / variance of the returns to go; 0: all explained
 
 The critic was trained on the noisy policy and is tested on its mean.
@@ -127,7 +126,7 @@ def measure(work: Work, *, path: str) -> None:
         int(horizons.max()) + (tail_steps(policy) if has_target(policy) else 0),
     )
     curves = [(rewards_to_go(rollout, horizons), "steps to go")]
-    whole = {"fall rate": fall_rate(rollout, horizons), **value_measures(policy, rollout, horizons)}
+    whole = value_measures(policy, rollout, horizons)
     if timed:
         changes = action_changes(policy, rollout)
         curves.append((changes, "C"))
@@ -172,13 +171,6 @@ def rewards_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> pl.DataFrame
     )
 
 
-def fall_rate(rollout: Rollout, horizons: NDArray[np.int64]) -> float:
-    """Return falls for each 1,000 steps within the horizon."""
-    within = np.minimum(rollout.lengths, horizons)
-    falls = (rollout.fell & (rollout.lengths <= horizons)).sum()
-    return float(1000.0 * falls / within.sum())
-
-
 def has_target(policy: Policy) -> bool:
     """Return whether the value of a policy means a return that a rollout can measure.
 
@@ -210,7 +202,7 @@ def returns_to_go(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64])
 
 
 def value_measures(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]) -> dict[str, float]:
-    """Return "value error" and "value variance"; nothing without a target."""
+    """Return "value variance"; nothing without a target."""
     if not has_target(policy):
         return {}
     within = bins_to_go(rollout, horizons) > 0
@@ -221,9 +213,7 @@ def value_measures(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]
     spread = float(returns.std()) if len(returns) > 1 else 0.0
     if spread == 0.0:
         return {}
-    difference = returns - values
-    error = math.sqrt(float((difference**2).mean())) / spread
-    return {"value error": error, "value variance": float(difference.var()) / spread**2}
+    return {"value variance": float((returns - values).var()) / spread**2}
 
 
 def action_changes(policy: Policy, rollout: Rollout) -> pl.DataFrame:

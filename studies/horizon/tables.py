@@ -1,4 +1,4 @@
-"""The small tables: conditions, the choice of C and its bias, rules without a sweep, score over tasks, failures."""
+"""The small tables: training runs, rules for C without a sweep, the thesis' sentences; and those of the page."""
 
 from __future__ import annotations
 
@@ -10,22 +10,11 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.stats import (
-    TRAINING_SEEDS,
-    Difference,
-    Units,
-    compare_paired,
-    compare_unpaired,
-    compare_with,
-    mean_difference,
-    t_interval,
-)
-from studies.horizon.claims import SCORE, Condition, claims_frame, decide_claims, read_claims
+from perdure.stats import Difference, compare_paired, compare_unpaired, compare_with, mean_difference
+from studies.horizon.claims import SCORE, Condition, decide, effect, read_claims
 from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, Row
-from studies.horizon.results import MEASURED, TEST, VALIDATION, Results, optimistic, values_under
+from studies.horizon.results import TEST, VALIDATION, Results
 
-KINDS = ("constant", "periodic")
-RULES = ("best", "chosen", "chosen periodic", "value", "bandit", "countdown")
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
 SCORED = (
     PPO,
@@ -80,101 +69,24 @@ CLOCKS = {
 
 def all_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables by the name of their file; those without a row are left out."""
-    settings = set(results.grid.settings)
-    claims = [claim for claim in read_claims() if settings & set(claim.tasks)]
-    frames = {
-        "training": results.training,
-        "runs": results.runs[TEST],
-        "validation": results.runs[VALIDATION],
-        "conditions": condition_table(results),
-        "score": score_table(results),
-        "choice": choice_table(results),
-        "rules": rule_table(results),
-        "mechanism": results.run_measures,
-        "failure-places": failure_places(results),
-        "claims": claims_frame(decide_claims(claims, results.values)),
-    }
+    frames = {"runs": results.runs[TEST], "rules": rule_table(results), "claims": claim_table(results)}
     return {name: frame for name, frame in frames.items() if not frame.is_empty()}
-
-
-def condition_table(results: Results) -> pl.DataFrame:
-    """Return every method under every rule for its clock: mean, interval and middle mean of the return, other means."""
-    rows = [found for row in results.grid.rows for found in _conditions(results, row)]
-    return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def _conditions(results: Results, row: Row) -> Iterator[dict[str, Any]]:
-    runs = results.of(row)
-    if runs.is_empty():
-        return
-    literal = runs["clock"].unique(maintain_order=True).to_list()
-    rules = [rule for rule in RULES if rule not in literal] if row.method in SWEPT else []
-    for rule in (*rules, *literal):
-        condition = Condition(row.method, rule)
-        returns = results.values(row.setting, condition)
-        if returns:
-            yield {
-                "setting": row.setting,
-                "method": row.method,
-                "clock": rule,
-                "runs": len(returns),
-                **_interval(returns, "return"),
-                **{
-                    name: _mean(results.values(row.setting, condition, name).values())
-                    for name in MEASURED
-                    if name != "return"
-                },
-            }
-
-
-def _interval(values: dict[int, float], name: str) -> dict[str, float]:
-    units = Units(np.array([values[seed] for seed in sorted(values)]), TRAINING_SEEDS)
-    mean, middle = t_interval(units), t_interval(units, "iqm")
-    return {
-        name: float(mean.estimate),
-        "lower": float(mean.lower),
-        "upper": float(mean.upper),
-        "middle mean": float(middle.estimate),
-        "middle lower": float(middle.lower),
-        "middle upper": float(middle.upper),
-    }
 
 
 def _mean(values: Collection[float]) -> float:
     return float(np.mean(list(values))) if len(values) else float("nan")
 
 
-def choice_table(results: Results) -> pl.DataFrame:
-    """Return the cross-validated and the optimistic choice of each swept row and kind, and their difference."""
-    rows = [found for row in results.grid.rows if row.method in SWEPT for found in _choices(results, row)]
-    return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def _choices(results: Results, row: Row) -> Iterator[dict[str, Any]]:
-    validation, test = results.of(row, VALIDATION), results.of(row)
-    for kind in KINDS if len(validation) and len(test) else ():
-        if kind not in validation["clock_kind"] or kind not in test["clock_kind"]:
-            continue
-        clocks = results.clocks(row, "chosen" if kind == "constant" else "chosen periodic")
-        best = optimistic(test, kind)
-        chosen = values_under(test, clocks)
-        always = values_under(test, dict.fromkeys(test["train_seed"].unique().sort().to_list(), best))
-        if not (chosen and always):  # the chosen clock is not evaluated on test start states yet
-            continue
-        difference = compare_paired(always, chosen)
-        yield {
-            "setting": row.setting,
-            "method": row.method,
-            "kind": kind,
-            "runs": difference.n_left,
-            "chosen": " ".join(sorted(set(clocks.values()), key=lambda each: int(each.partition(":")[2]))),
-            "cross-validated": _mean(chosen.values()),
-            "optimistic clock": best,
-            "optimistic": _mean(always.values()),
-            "bias": difference.estimate,
-            "lower": difference.lower,
-            "upper": difference.upper,
-        }
+def claim_table(results: Results) -> pl.DataFrame:
+    """Return the sentences of the thesis whose tasks are all evaluated, each with effect, interval and decision."""
+    rows = []
+    for claim in read_claims():
+        if (found := effect(claim, results.values)) is not None:
+            numbers = {"effect": found.estimate, "lower": found.lower, "upper": found.upper}
+            tasks = {"tasks": ", ".join(claim.tasks), "right": str(claim.right)}
+            decision = decide(claim, found.lower, found.upper)
+            rows.append(vars(claim) | tasks | numbers | {"runs": found.count, "decision": decision})
+    return pl.DataFrame(rows)
 
 
 def rule_table(results: Results) -> pl.DataFrame:
@@ -200,7 +112,7 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
             "setting": row.setting,
             "method": row.method,
             "rule": rule,
-            "runs": difference.n_left,
+            "runs": difference.count,
             "simulated steps for each run": cost.get(rule, float(used["simulated_steps"].mean() or 0.0)),  # type: ignore[arg-type]
             "return": difference.left,
             "beside cross-validation": difference.estimate,
@@ -238,41 +150,6 @@ def mean_score(results: Results, left: Condition, right: Condition | float = 0.0
     return mean_difference([compare_with(runs, right) for runs in sides[0]])
 
 
-def score_table(results: Results) -> pl.DataFrame:
-    """Return the mean over tasks of each method's score, and of its difference to discounted PPO."""
-    rows = []
-    for each in SCORED:
-        score, beside = mean_score(results, each), mean_score(results, each, PPO)
-        if score is None or beside is None:
-            continue
-        compared = None if each == PPO else beside
-        rows.append(
-            {
-                "method": each.method,
-                "clock": each.clock,
-                "tasks": len(main_settings(results)),
-                SCORE: score.estimate,
-                "lower": score.lower,
-                "upper": score.upper,
-                "beside ppo": compared and compared.estimate,
-                "beside lower": compared and compared.lower,
-                "beside upper": compared and compared.upper,
-                "probability of improvement": compared and compared.improvement,
-            }
-        )
-    return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def failure_places(results: Results) -> pl.DataFrame:
-    """Count, in failed episodes, the observation components that were first to leave their training range."""
-    failed = results.episodes.filter((pl.col("failed share") > 0) & (pl.col("split") == TEST))
-    place = pl.col("left_first").fill_null("none left its range").alias("left first")
-    keys = ["row", "setting", "method", "verdict", "left first"]
-    counted = failed.with_columns(place).group_by(keys).agg(episodes=pl.len())
-    order = ["row", "verdict", "episodes", "left first"]
-    return counted.sort(order, descending=[False, False, True, False]).drop("row")
-
-
 def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables of the page by name; their cells are texts: a number, perhaps with its 95 % interval."""
     scores = [{"method": method_words(each.method), "score": _mean_cell(results, each, 0.0, ".2f")} for each in SCORED]
@@ -296,7 +173,13 @@ def page_tables(results: Results) -> dict[str, pl.DataFrame]:
         means = {name: _mean(reward.filter(pl.col("at").is_between(*span))["result"]) for name, span in spans.items()}
         ends.append(task | {name: f"{mean:.2f}" for name, mean in means.items()})
     rows = {"scores": scores, "effects": effects, "failures": failures, "clocks": clocks, "ends": ends}
-    return {name: pl.DataFrame(found) for name, found in rows.items()}
+    tables = {name: pl.DataFrame(found) for name, found in rows.items()}
+    claims = [
+        {"the thesis": each["sentence"], "effect": _cell(each["effect"], each["lower"], each["upper"], "+.2f")}
+        | {"our runs": each["decision"]}
+        for each in claim_table(results).to_dicts()
+    ]
+    return tables | {"claims": pl.DataFrame(claims)}
 
 
 def _mean_cell(results: Results, left: Condition, right: Condition | float, form: str = "+.2f") -> str:

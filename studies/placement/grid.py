@@ -17,26 +17,18 @@ STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "sto
 """In the order of tables and figures."""
 FRICTION = SceneOptions()
 DRAG = SceneOptions(rolling="drag")
-HULL, BASE, ZERO, JAWS = (
-    replace(DRAG, apple="hull"),
-    replace(DRAG, release_velocity="base-removed"),
-    replace(DRAG, release_velocity="zero"),
-    replace(DRAG, jaws="apart"),
-)
+HULL = replace(DRAG, apple="hull")
 WORLDS = {
     "drag": "drag only",
     "drag hull-apple": "drag only, apple a convex hull",
-    "drag base-velocity-removed": "drag only, base velocity removed at release",
-    "drag released-at-zero-velocity": "drag only, all velocity removed at release",
     "": "rolling friction",
-    "jaws-apart drag": "drag only, `--jaws apart`",
 }
 """Words of a world in names to its name in tables, in their order."""
 PHASES = {
     1: "three strategies on unseen layouts, drag only",
     2: "other worlds",
     3: "known layouts, as in the thesis",
-    4: "jaws that touch again, policies trained for longer stays, a descent to contact",
+    4: "policies trained for longer stays, a descent to contact",
 }
 
 
@@ -103,11 +95,8 @@ THESIS_ROWS = (
     *_rows(TASKS, MAIN_STRATEGIES, "eval", DRAG, 1, eval_seeds=3),
     *_rows(SET_TABLE, MAIN_STRATEGIES, "eval", FRICTION, 2),
     *_rows(SET_TABLE, MAIN_STRATEGIES, "eval", HULL, 2),
-    *_rows(SET_TABLE, MAIN_STRATEGIES, "eval", BASE, 2),
-    *_rows(SET_TABLE, ("rl",), "eval", ZERO, 2),
     *_rows(TASKS[1:], MAIN_STRATEGIES, "eval", FRICTION, 2),
     *_rows(TASKS, ("rl", "ik"), "val", DRAG, 3),
-    *_rows(("tidy_house",), ("rl", "ik"), "eval", JAWS, 4),
     *_rows(TASKS, ("delta-200",), "eval", DRAG, 4),
     *_rows(SET_TABLE, ("delta-10", "delta-50", "delta-50-in-200"), "eval", DRAG, 4),
     *_rows(TASKS, ("ik+",), "eval", DRAG, 4),

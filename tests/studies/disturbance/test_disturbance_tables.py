@@ -37,7 +37,7 @@ def episodes(method: str, condition: str, lives: dict[int, list[int]]) -> list[d
     ]
 
 
-def test_left_counts_episodes_and_compares_runs() -> None:
+def test_left_counts_episodes() -> None:
     fragile = {run: [500, 600] for run in range(5)}
     sturdy = {run: [STEPS, STEPS] for run in range(4)} | {4: [STEPS, 1000]}
     rows = episodes("ppo@cleanrl", "calm", fragile) + episodes("geometric@cleanrl", "calm", sturdy)
@@ -46,8 +46,6 @@ def test_left_counts_episodes_and_compares_runs() -> None:
     assert (ppo["left"], ppo["episodes"], ppo["median life"]) == (0, 10, 500.0)
     assert (geometric["left"], geometric["left share"]) == (9, pytest.approx(0.9))
     assert geometric["working share"] == pytest.approx(0.91)
-    assert geometric["p"] == pytest.approx(2 / 252)  # the most extreme of the 252 ways to deal ten runs, two-sided
-    assert ppo["p"] is None
 
 
 def test_a_policy_that_never_worked_has_no_working_share() -> None:

@@ -6,7 +6,7 @@ from known_results import HORIZON, make_results
 
 from studies.horizon.claims import SCORE
 from studies.horizon.figures import all_figures
-from studies.horizon.tables import choice_table, condition_table, page_tables, score_table
+from studies.horizon.tables import PPO, mean_score, page_tables
 
 RUNS = {
     ("ppo", "none"): {0: 100.0, 1: 200.0, 2: 300.0},
@@ -37,34 +37,16 @@ def values(spec):
 def test_the_mean_over_tasks_is_student_with_more_freedom():
     """Two tasks with the same three scores: half the variance of one mean, and 2 + 2 degrees of freedom."""
     results = make_results(RUNS, tasks=TWO)
-    row = score_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
+    found = mean_score(results, PPO)
     half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # scores: 100, 200, 300 of 3,000
-    assert (row[SCORE], row["upper"] - row[SCORE]) == pytest.approx((200.0 / 3000.0, half))
+    assert (found.estimate, found.upper - found.estimate) == pytest.approx((200.0 / 3000.0, half))
     assert "mean of 2 tasks" in str(figures_of(results)["score"].spec)
     scores = dict(page_tables(results)["scores"].rows())
     assert (scores["discounted PPO"], scores["undiscounted PPO"]) == ("0.07 [0.03, 0.10]", "not evaluated")
 
 
 def test_without_a_second_task_there_is_no_mean():
-    assert score_table(make_results(RUNS, task="Swimmer-v3")).is_empty()
-
-
-def test_a_chosen_clock_that_is_not_yet_evaluated_is_left_out():
-    """Validation chooses C = 100; the test start states so far have C = 500 alone."""
-    test = {("geometric", "constant:500"): {0: 10.0, 1: 10.0, 2: 20.0}}
-    validation = test | {("geometric", "constant:100"): {0: 400.0, 1: 500.0, 2: 600.0}}
-    assert choice_table(make_results(test, validation)).is_empty()
-
-
-def test_conditions_hold_means_and_intervals(results):
-    row = condition_table(results).filter(pl.col("method") == "ppo").to_dicts()[0]
-    half = 4.302653 * 100.0 / 3**0.5  # Student's t for 2 degrees of freedom
-    assert (row["return"], row["upper"] - row["return"]) == pytest.approx((200.0, half))
-
-
-def test_the_choice_names_its_clocks(results):
-    (row,) = choice_table(results).filter(pl.col("method") == "geometric").to_dicts()
-    assert (row["chosen"], row["optimistic clock"], row["bias"]) == ("constant:100", "constant:100", 0.0)
+    assert mean_score(make_results(RUNS, task="Swimmer-v3"), PPO) is None
 
 
 def test_figures_show_what_the_tables_say(results):

@@ -4,7 +4,6 @@ import pytest
 from known_results import HORIZON, episodes, make_results, table
 
 from studies.horizon.results import VALIDATION, freeze_episodes, measure, name_clocks
-from studies.horizon.tables import failure_places
 
 
 def measured(*parts, **changes):
@@ -13,12 +12,10 @@ def measured(*parts, **changes):
 
 def test_a_episode_that_holds():
     found = measured(episodes("geometric", "constant:500", 0, 2000, 3000.0))
-    assert found["return"] == found["return within"] == 3000.0
-    assert found["reward late"] == pytest.approx(3.0)  # 300 in the last 100 steps
-    assert (found["failed share"], found["ended share"], found["hold share"]) == (0.0, 0.0, 1.0)
-    assert (found["end score vs training"], found["steps to failure"], found["verdict"]) == (1.0, HORIZON, "holds")
+    assert (found["return"], found["failed share"]) == (3000.0, 0.0)
+    assert (found["steps to failure"], found["verdict"]) == (HORIZON, "holds")
     assert found["training score vs published"] == pytest.approx(0.5)  # 1.5 a step, idle 0, published policy 3
-    assert (found["score vs published"], found["failed within"]) == (pytest.approx(1.0), 0.0)
+    assert found["score vs published"] == pytest.approx(1.0)
 
 
 def test_the_gain_pays_nothing_for_standing_still_and_counts_the_steps_before_a_fall():
@@ -30,42 +27,32 @@ def test_the_gain_pays_nothing_for_standing_still_and_counts_the_steps_before_a_
 
 def test_a_episode_that_falls():
     found = measured(episodes("geometric", "constant:500", 0, 2000, 30.0, falls=True))
-    assert (found["return"], found["reward late"]) == (30.0, 0.0)
-    assert (found["failed share"], found["ended share"], found["hold share"], found["end score vs training"]) == (
-        1.0,
-        1.0,
-        0.0,
-        0.0,
-    )
-    assert (found["steps to failure"], found["verdict"], found["failed within"]) == (10, "falls", 1.0)
+    assert (found["return"], found["failed share"]) == (30.0, 1.0)
+    assert (found["steps to failure"], found["verdict"]) == (10, "falls")
 
 
 def test_a_policy_that_never_worked_has_failed_from_the_start():
     found = measured(
         episodes("geometric", "constant:500", 0, 2000, 30.0), policy_state="never worked", outcome="unknown"
     )
-    assert (found["verdict"], found["failed share"], found["ended share"]) == ("never worked", 1.0, 0.0)
-    assert (found["end score vs training"], found["steps to failure"], found["failed within"]) == (0.0, 0, 1.0)
+    assert (found["verdict"], found["failed share"], found["steps to failure"]) == ("never worked", 1.0, 0)
 
 
 def test_where_it_cannot_be_told_nothing_is_called_a_failure_or_a_success():
     surviving = measured(episodes("geometric", "none", 0, 2000, 30.0), policy_state="cannot tell", outcome="unknown")
     fallen = measured(episodes("geometric", "none", 0, 2000, 30.0, falls=True), policy_state="cannot tell")
     for found in (surviving, fallen):
-        judged = ("failed share", "failed within", "hold share", "steps to failure")
-        assert [found[name] for name in judged] == [None] * 4
-    assert (surviving["ended share"], fallen["ended share"]) == (0.0, 1.0)
+        assert (found["failed share"], found["steps to failure"]) == (None, None)
 
 
-def test_a_silent_failure_does_not_end_the_episode():
+def test_a_silent_failure_counts_from_its_first_step():
     found = measured(
         episodes("geometric", "none", 0, 2000, 30.0),
         outcome="fails silently",
         failed_step=400,
         end_score_vs_training=0.1,
     )
-    assert (found["failed share"], found["ended share"], found["steps to failure"]) == (1.0, 0.0, 400)
-    assert found["end score vs training"] == 0.1
+    assert (found["failed share"], found["steps to failure"]) == (1.0, 400)
 
 
 def test_clocks_are_named_as_on_a_command_line():
@@ -92,8 +79,3 @@ def test_curves_hold_the_return_so_far():
     frozen = freeze_episodes(table(episodes("ppo", "none", 0, 2000, 30.0, falls=True)), "Hopper-v3", "ppo", "test")
     assert frozen["curve_steps"].to_list() == [[10, 900, 1000]]
     assert frozen["curve"].to_list() == [[30.0, 30.0, 30.0]]
-
-
-def test_failures_are_counted_by_what_left_its_training_range_first():
-    results = make_results({("ppo", "none"): {0: None, 1: 5.0}})
-    assert failure_places(results).rows() == [("Hopper-v3", "ppo", "falls", "observation[1]", 2)]

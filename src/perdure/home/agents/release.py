@@ -218,7 +218,7 @@ class Ik(HandOver):
         start = view.state.gripper_in_base[0].copy()
         rotation = view.state.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
-        if reach(end, view.arm, rotation=rotation, restarts=0).position_error > OUT_OF_REACH:
+        if reach(end, rotation, view.arm)[1] > OUT_OF_REACH:
             view.outcome = "out of reach"
             return
         step, steps = self.speed / CONTROL_HZ, int(np.ceil(self.epsilon * CONTROL_HZ / self.speed))

@@ -41,9 +41,6 @@ RELEASES = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm", "ik+
 WORLDS = {
     "drag": "drag only",
     "hull-apple": "apple a convex hull",
-    "base-velocity-removed": "base velocity removed",
-    "released-at-zero-velocity": "released at zero velocity",
-    "jaws-apart": "released objects touch the robot again",
 }
 """Word in the name of a strategy to what a reader sees."""
 OUTCOMES = {

@@ -159,7 +159,6 @@ class Release:
 
     target: Annotated[int, Column("number of the target", _TARGET)]
     object_speed: Annotated[float, Column("speed of the object in the hand", _MEASURED, "m/s")]
-    """A world that removes release velocity changes it afterwards."""
     gripper_speed: Annotated[float, Column("speed of the gripper point", _MEASURED, "m/s")]
     base_speed: Annotated[float, Column("speed of the base's middle, turning left out", _MEASURED, "m/s")]
     track: Annotated[

@@ -73,7 +73,7 @@ class EvaluationProtocol:
 
     @property
     def name(self) -> str:
-        """How logs call it: `place`, then what is unusual in the world, such as `rl jaws-apart drag 240-hz`."""
+        """How logs call it: `place`, then what is unusual in the world, such as `rl drag 240-hz`."""
         return " ".join((self.place, *self.options.scene.words))
 
     @property

@@ -12,7 +12,7 @@ may move and 0 for joints at a limit. Base and torso stand still.
 |---|---|---|---|
 | `toward` | one small step of a straight motion | free joints make up for joints at a limit | one step |
 | `reach_many` | hundreds of candidate poses | clipped | centimeters |
-| `reach` | one pose | free joints make up for joints at a limit | 0.1 mm, restarts from other arm poses |
+| `reach` | one pose | free joints make up for joints at a limit | 0.1 mm |
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.robot import ARM, ARM_HIGH, ARM_LOW, GRIPPER_ORIGIN, GRIPPER_POINT, REST_ARM, TORSO, TORSO_HEIGHT
+from perdure.home.sim.robot import ARM, ARM_HIGH, ARM_LOW, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO, TORSO_HEIGHT
 
 _AXES = tuple(link.axis.index(1.0) for link in ARM)
 _OFFSETS = np.array([link.origin for link in ARM])
@@ -91,14 +91,6 @@ LARGEST = 0.025
 """Largest joint step of `toward` in [rad]: the benchmark's largest command."""
 CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
 """Errors of `reach` below which a pose counts as reached."""
-OTHER_STARTS = (
-    REST_ARM,
-    (0.0, 0.6, 0.0, 0.8, 0.0, 0.4, 0.0),
-    (0.8, -0.6, 1.2, 1.6, -0.8, 1.2, 1.0),
-    (-0.8, -0.6, -1.2, 1.6, 0.8, 1.2, -1.0),
-    (0.0, 0.9, 3.0, 1.2, 3.0, 1.2, 0.0),
-)
-"""Arm poses from which `reach` starts again (our choice): at rest; low and ahead; elbow left, right and down."""
 
 
 @dataclass(frozen=True)
@@ -120,23 +112,6 @@ _EXACT = _Solver(1e-3, 0.03, 0.5, 0.4)
 _MANY = _Solver(0.05, 0.0, 1.0, 0.3)
 _MANY_LONGEST = 0.15, 0.5
 """Largest displacement in [m] and turn in [rad] that one iteration of `reach_many` asks for."""
-
-
-@dataclass(frozen=True)
-class Reach:
-    """An arm pose that `reach` found."""
-
-    arm: FloatArray
-    """Joint angles in [rad], within the limits. Shape (7,)."""
-    position_error: float
-    """Distance between gripper point and wanted point in [m]."""
-    rotation_error: float
-    """Angle to the wanted rotation or approach direction in [rad]; 0 when none was wanted."""
-
-    @property
-    def ok(self) -> bool:
-        """Whether the pose is reached: within 0.1 mm and 1 mrad."""
-        return self.position_error <= CLOSE_M and self.rotation_error <= CLOSE_RAD
 
 
 def toward(
@@ -193,58 +168,37 @@ def reach_many(
     arm = np.broadcast_to(start, (len(points), 7)).copy()
     wanted = _upright(approach) if upright else None
     for _ in range(iterations):
-        way, turn, matrix = _error(points, wanted, approach, TORSO_HEIGHT, arm)
+        way, turn, matrix = _error(points, wanted, approach, arm)
         way, turn = (_shorten(each, _length(each), most) for each, most in zip((way, turn), _MANY_LONGEST, strict=True))
         step = damped_step(matrix, np.concatenate([way, turn], axis=1), _MANY.damping)
         arm = np.clip(arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _MANY.largest), ARM_LOW, ARM_HIGH)
-    way, turn, _ = _error(points, wanted, approach, TORSO_HEIGHT, arm)
+    way, turn, _ = _error(points, wanted, approach, arm)
     return arm, np.linalg.norm(way, axis=1), np.linalg.norm(turn, axis=1)
 
 
-def reach(
-    position: ArrayLike,
-    start_arm: ArrayLike,
-    *,
-    rotation: ArrayLike | None = None,
-    approach: ArrayLike | None = None,
-    torso: float = TORSO_HEIGHT,
-    iterations: int = 60,
-    restarts: int = len(OTHER_STARTS),
-) -> Reach:
-    """Return joint angles that bring the gripper point to a place in the base frame.
+def reach(position: FloatArray, rotation: FloatArray, start: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return the arm pose nearest to a pose of the gripper on a descent of at most 60 steps.
 
     Args:
-        position: Wanted place in [m]. Shape (3,).
-        start_arm: Where the search starts in [rad]; of several solutions one near it is found. Shape (7,).
+        position: Wanted gripper point in the base frame in [m]. Shape (3,).
         rotation: Wanted rotation of the gripper. Shape (3, 3).
-        approach: Wanted direction of the gripper's x axis, of any length; the roll about it is left open. Shape (3,).
-        torso: Height of the torso in [m].
-        iterations: Largest number of steps of one search.
-        restarts: Number of other starts to try while no solution was found.
+        start: Joint angles where the search starts in [rad]. Shape (7,).
 
     Returns:
-        The best angles found. A place out of reach is no error: see `position_error` and `ok`.
-
-    Raises:
-        PerdureError: When a shape is wrong or both a rotation and an approach are given.
+        Joint angles (7,), remaining distance in [m] and remaining turn in [rad].
     """
-    if rotation is not None and approach is not None:
-        raise PerdureError("reach takes a rotation or an approach direction, not both")
-    place, first = _array("position", position, (3,)), _array("start_arm", start_arm, (7,))
-    turned = None if rotation is None else _array("rotation", rotation, (3, 3))
-    direction = None if approach is None else _array("approach", approach, (3,))
-    if direction is not None:
-        length = np.linalg.norm(direction)
-        if not length > 0.0:
-            raise PerdureError(f"approach must have a direction, got {direction.tolist()}")
-        direction = direction / length
-    found: list[Reach] = []
-    for starts in (first[None], np.array(OTHER_STARTS[:restarts]).reshape(-1, 7)):
-        found += _search(place, turned, direction, torso, starts, iterations)
-        solved = [each for each in found if each.ok]
-        if solved:
-            return solved[0]
-    return min(found, key=lambda each: each.position_error + _EXACT.turn_weight * each.rotation_error)
+    arm = np.clip(start, ARM_LOW, ARM_HIGH)[None]
+    best, errors = arm, np.full(2, np.inf)
+    for _ in range(61):
+        way, turn, matrix = _error(position, rotation, rotation[:, 0], arm)
+        now = np.concatenate([_length(way), _length(turn)], axis=1)[0]
+        if now @ (1.0, _EXACT.turn_weight) < errors @ (1.0, _EXACT.turn_weight):
+            best, errors = arm, now
+        if (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
+            break
+        step = _step_within_limits(matrix, np.concatenate([way, turn], axis=1), arm, _EXACT)
+        arm = arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _EXACT.largest)
+    return best[0], float(errors[0]), float(errors[1])
 
 
 def damped_step(
@@ -284,31 +238,6 @@ def rotation_vector(start: ArrayLike, end: ArrayLike) -> FloatArray:
     return np.asarray(0.5 * twice_sine * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))
 
 
-def _search(
-    place: FloatArray,
-    rotation: FloatArray | None,
-    approach: FloatArray | None,
-    torso: float,
-    starts: FloatArray,
-    iterations: int,
-) -> list[Reach]:
-    """Return the best pose on the way of one descent from each start."""
-    if not len(starts):
-        return []
-    arm = np.clip(starts, ARM_LOW, ARM_HIGH)
-    best, errors = arm.copy(), np.full((len(arm), 2), np.inf)
-    for number in range(iterations + 1):
-        way, turn, matrix = _error(place, rotation, approach, torso, arm)
-        now = np.concatenate([_length(way), _length(turn)], axis=1)
-        better = now @ (1.0, _EXACT.turn_weight) < errors @ (1.0, _EXACT.turn_weight)
-        best[better], errors[better] = arm[better], now[better]
-        if number == iterations or (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
-            break
-        step = _step_within_limits(matrix, np.concatenate([way, turn], axis=1), arm, _EXACT)
-        arm = arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _EXACT.largest)
-    return [Reach(each, float(m), float(rad)) for each, (m, rad) in zip(best, errors, strict=True)]
-
-
 def _step_within_limits(matrix: FloatArray, motion: FloatArray, angles: FloatArray, solver: _Solver) -> FloatArray:
     """Return the step that makes the motion as well as the limits allow; free joints make up for joints at a limit."""
     weights = np.array([1.0] * 3 + [solver.turn_weight] * 3)
@@ -329,21 +258,19 @@ def _step_within_limits(matrix: FloatArray, motion: FloatArray, angles: FloatArr
 
 
 def _error(
-    place: FloatArray, rotation: FloatArray | None, approach: FloatArray | None, torso: float, arm: FloatArray
+    place: FloatArray, rotation: FloatArray | None, approach: FloatArray, arm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return displacement (n, 3), turn (n, 3) and Jacobian (n, 6, 7) to a pose.
 
-    With an approach direction rolling about the gripper's x axis is free. With neither, the rotation is.
+    Without a rotation the gripper's x axis turns to `approach`, and rolling about it is free.
     """
-    position, now, matrix = pose_and_jacobian(torso, arm)
+    position, now, matrix = pose_and_jacobian(TORSO_HEIGHT, arm)
     way = place - position
     if rotation is not None:
         return way, rotation_vector(now, rotation), matrix
-    if approach is None:
-        return way, np.zeros_like(way), matrix * np.array([1.0] * 3 + [0.0] * 3)[:, None]
     x = now[..., :, 0]
     matrix[:, 3:] -= x[:, :, None] * np.einsum("ni,nij->nj", x, matrix[:, 3:])[:, None, :]
-    return way, _turn_x(x, np.broadcast_to(approach, x.shape)), matrix
+    return way, _turn_x(x, approach), matrix
 
 
 def _turn_x(x: FloatArray, approach: FloatArray) -> FloatArray:
@@ -372,10 +299,3 @@ def _length(vectors: FloatArray) -> FloatArray:
 def _shorten(vectors: FloatArray, size: FloatArray, largest: float) -> FloatArray:
     """Return vectors scaled down so that their size is at most `largest`."""
     return vectors * np.minimum(1.0, largest / np.maximum(size, 1e-12))
-
-
-def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != shape or not np.all(np.isfinite(array)):
-        raise PerdureError(f"{name} must be finite numbers of shape {shape}, got {array.tolist()}")
-    return array

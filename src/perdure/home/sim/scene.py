@@ -29,34 +29,24 @@ PHYSICS_HZ = 120
 """Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
 SERVO_HZ = 120
 """Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
-Jaws = Literal["never", "apart"]
 Rolling = Literal["friction", "drag"]
-ReleaseVelocity = Literal["kept", "base-removed", "zero"]
 _WORDS = {
     ("rolling", "drag"): "drag",
     ("apple", "hull"): "hull-apple",
-    ("release_velocity", "base-removed"): "base-velocity-removed",
-    ("release_velocity", "zero"): "released-at-zero-velocity",
     ("clutter", False): "no-clutter",
     ("sleep", False): "no-sleep",
 }
-"""Word of an option in names; else the option and its value, such as jaws-apart."""
+"""Word of an option in names."""
 
 
 @dataclass(frozen=True)
 class WorldOptions:
     """The variant of the physics. Each field is a flag of `perdure home run`, part of names and of stored settings."""
 
-    jaws: Jaws = "never"
-    """When a released object collides with the gripper's jaws and the rest of the robot again: never
-    (hab-mobile-manipulation), or once they are apart (habitat-lab)."""
     rolling: Rolling = "friction"
     """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
     apple: AppleShape = "sphere"
     """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
-    release_velocity: ReleaseVelocity = "kept"
-    """Velocity of an object as the hand opens: unchanged; without the moving base's part
-    (hab-mobile-manipulation teleports the base with what it holds); or zero."""
     physics_hz: int = PHYSICS_HZ
     """Physics steps per second: 120 or more, a multiple of 30."""
 
@@ -80,10 +70,7 @@ class WorldOptions:
     def words(self) -> tuple[str, ...]:
         """What is unusual in words for names: ("drag", "240-hz")."""
         hertz = f"{self.physics_hz}-hz"
-        return tuple(
-            hertz if name == "physics_hz" else _WORDS.get((name, value), f"{name}-{value}".replace("_", "-"))
-            for name, value in self.unusual.items()
-        )
+        return tuple(hertz if name == "physics_hz" else _WORDS[name, value] for name, value in self.unusual.items())
 
 
 @dataclass(frozen=True)
@@ -352,11 +339,6 @@ class Scene:
             if body == first or int(model.body_parentid[body]) in inside:
                 inside.add(body)
         return np.isin(model.geom_bodyid, list(inside))
-
-    @cached_property
-    def object_reach(self) -> FloatArray:
-        """Largest side of each object's bounding box in [m]. Shape (objects,)."""
-        return np.array([max(YcbObjects().kind(p.kind).size) for p in self.placements])
 
     @cached_property
     def gripper_offset(self) -> FloatArray:

@@ -62,7 +62,8 @@ class Simulator:
         self.gripper_axes: FloatArray = self.data.site_xmat[gripper].reshape(3, 3)
         """Its axes in the room, one per column. Shape (3, 3)."""
         self.held = self.held_link = -1
-        self._parting: set[int] = set()
+        self._passing: set[int] = set()
+        """Objects that have been held: they pass through the robot until the next reset."""
         first, last = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC)
         self._bad_states: NDArray[np.int32] = self.data.warning.number[first : last + 1]
         self._substeps = scene.options.substeps
@@ -82,9 +83,10 @@ class Simulator:
         """
         self._mujoco.mj_resetData(self.model, self.data)
         self.search_all()
-        self.release(part=False)
-        for number in tuple(self._parting):
+        self.release()
+        for number in self._passing:
             self._collide(number, True)
+        self._passing.clear()
         scene = self.scene
         wanted = {**scene.opened, **(opened or {})}
         for link, address in zip(scene.links, scene.link_qpos, strict=True):
@@ -163,7 +165,7 @@ class Simulator:
     def hold_object(self, number: int, gripper: FloatArray, rotation: FloatArray) -> None:
         """Put an object into the gripper, its axes along the gripper's, and ties it there.
 
-        From now on it passes through the robot.
+        From now on it passes through the robot, also after its release (M3).
         """
         pose, speed = self.object(number)[0], self.scene.object_qvel[number]
         pose[:3] = gripper
@@ -171,57 +173,19 @@ class Simulator:
         self.qvel[speed : speed + 6] = 0.0
         self.data.eq_active[self.scene.weld(number)] = 1
         self._collide(number, False)
-        self._parting.discard(number)
+        self._passing.add(number)
         self.held = number
         self._counted[self.scene.object_geoms[number]] = True
 
-    def release(self, part: bool = True) -> None:
-        """Release whatever is held, as `SceneOptions.release_velocity` says; without `part` as if never held."""
+    def release(self) -> None:
+        """Release whatever is held; an object keeps its velocity."""
         if self.held_link >= 0:
             self.data.eq_active[self.scene.grip(self.held_link)] = 0
             self.held_link = -1
         if self.held >= 0:
             self.data.eq_active[self.scene.weld(self.held)] = 0
             self._counted[self.scene.object_geoms[self.held]] = False
-            self._parting.add(self.held)
-            if part:
-                self._set_release_velocity(self.held)
-            else:
-                self._collide(self.held, True)
             self.held = -1
-
-    def _set_release_velocity(self, number: int) -> None:
-        """Take the base's motion, or all motion, from an object's velocity.
-
-        With base velocity v_b, yaw rate w and base position p_b, an object at p that moves rigidly with the base has
-        the velocity v_b + w z x (p - p_b). M3 teleports the base together with what it holds, which gives none of it.
-        """
-        how = self.scene.options.release_velocity
-        if how == "kept":
-            return
-        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
-        if how == "zero":
-            self.qvel[speed : speed + 6] = 0.0
-            return
-        forward_x, forward_y, yaw_rate = self.robot_velocity[:3]
-        x, y = self.qpos[address : address + 2] - self.robot[:2]
-        self.qvel[speed] -= forward_x - yaw_rate * y
-        self.qvel[speed + 1] -= forward_y + yaw_rate * x
-        to_object = np.empty(4)
-        self._mujoco.mju_negQuat(to_object, self.qpos[address + 3 : address + 7])
-        spin = np.empty(3)  # a free joint's angular velocity is along the object's own axes
-        self._mujoco.mju_rotVecQuat(spin, np.array([0.0, 0.0, yaw_rate]), to_object)
-        self.qvel[speed + 3 : speed + 6] -= spin
-
-    def part(self, gripper: FloatArray) -> None:
-        """With `jaws` "apart": let released objects collide again once the gripper is farther away than their size."""
-        if self.scene.options.jaws == "never" or not self._parting:
-            return
-        for number in tuple(self._parting):
-            address = self.scene.object_qpos[number]
-            away = gripper - self.qpos[address : address + 3]
-            if away @ away > self.scene.object_reach[number] ** 2:
-                self._collide(number, True)
 
     def diverged(self) -> bool:
         """Return whether MuJoCo warned of a bad state, or a position is not a finite number."""
@@ -267,5 +231,3 @@ class Simulator:
     def _collide(self, number: int, robot: bool) -> None:
         """Set whether an object collides with the robot; objects always collide with each other."""
         self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
-        if robot:
-            self._parting.discard(number)

@@ -269,9 +269,7 @@ class VectorSimulator:
             readings.read_robot(number, simulator)
         readings.move_grippers(chosen, readings.diverged[chosen] | first)
         for number in map(int, chosen):
-            simulator = self.simulator(number)
-            simulator.part(readings.gripper[number])
-            readings.read_skill_goal(number, simulator)
+            readings.read_skill_goal(number, self.simulator(number))
 
     def _take_skill_goal(self, number: int) -> None:
         self._ahead[number] = None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
@@ -38,7 +38,7 @@ class VectorHeadDepth(AnyVectorWrapper):
         """Wrap a vector environment and open an OpenGL context.
 
         Args:
-            env: A `HomeSkillVectorEnv`, wrapped or not, in any autoreset mode but SAME_STEP.
+            env: A `HomeSkillVectorEnv`, wrapped or not.
             side: Width and height of the images in pixels.
 
         Raises:
@@ -48,10 +48,6 @@ class VectorHeadDepth(AnyVectorWrapper):
         lanes = env.unwrapped
         if not isinstance(lanes, HomeSkillVectorEnv):
             raise PerdureError(f"env must be a home skill environment, not {env}")
-        if lanes.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP:
-            raise PerdureError(
-                "autoreset_mode must not be SAME_STEP, which loses the last depth image of an episode; use NEXT_STEP"
-            )
         self._lanes, self._camera = lanes, HeadCamera(side)
         self.single_observation_space = _with_depth(env.single_observation_space, side)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -195,9 +195,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
     info has arrays `success`, `failure` (its label, "none" for none), `diverged` and `elapsed`, and an array for each
     reward term under `reward_terms`.
 
-    Autoreset modes: DISABLED (the caller resets, with `options["reset_mask"]`), NEXT_STEP (the next step of an ended
-    lane begins its next episode, with reward 0), SAME_STEP (the last observation and info are in `final_obs` and
-    `final_info`).
+    No autoreset: the caller resets lanes that have ended, with `options["reset_mask"]`.
     """
 
     def __init__(
@@ -206,7 +204,6 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         *,
         max_episode_steps: int | None = None,
         threads: int | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED,
         registered_skill: str | None = None,
         **options: Any,
     ) -> None:
@@ -216,7 +213,6 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             num_envs: Number of lanes.
             max_episode_steps: Steps after which a lane is truncated, None for no limit.
             threads: Simulation threads; as many as the process may use cores when None. Results do not depend on it.
-            autoreset_mode: See the class.
             registered_skill: The skill of the Gymnasium id that makes this environment, which `skill` must then be.
             options: Fields of `SkillEnvOptions`.
 
@@ -225,7 +221,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         """
         given = {"num_envs": num_envs, "max_episode_steps": max_episode_steps, "threads": threads}
         check_kinds({"num_envs": COUNT, "max_episode_steps": Maybe(Whole(1, 10**9)), "threads": Maybe(COUNT)}, given)
-        self.metadata = {"autoreset_mode": checked_mode(autoreset_mode), "render_modes": []}
+        self.metadata = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
         self.options = checked_options(options)
         if registered_skill not in (None, skill := self.options.skill):
             raise PerdureError(
@@ -275,15 +271,32 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         Raises:
             PerdureError: If a lane has ended and was not reset, or actions have a wrong shape or are not finite.
         """
-        mode, renewed = self.metadata["autoreset_mode"], self._over.copy()
-        if self._state is None or self._progress is None or (mode is AutoresetMode.DISABLED and renewed.any()):
-            raise PerdureError(f"lanes {np.flatnonzero(renewed).tolist()} have ended or never begun: reset them first")
-        full = self.skill.expand_action(self._checked(actions))
-        stepped = np.flatnonzero(~renewed)
-        if renewed.any():
-            self._begin(np.flatnonzero(renewed))
-        outcome = self._advance(self._state, self._progress, full, stepped)
-        return self._same_step(outcome) if mode is AutoresetMode.SAME_STEP and self._over.any() else outcome
+        if self._state is None or self._progress is None or self._over.any():
+            over = np.flatnonzero(self._over).tolist()
+            raise PerdureError(f"lanes {over} have ended or never begun: reset them first")
+        skill, before, was = self.skill, self._state, self._progress
+        full = skill.expand_action(self._checked(actions))
+        self.world.step(skill.mask(full, before), None, skill.base_speed, skill.arm_step)
+        after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
+        now = skill.advance(was, after)
+        self._state, self._progress = after, now
+        sound = ~after.diverged
+        rewards, terms = skill.reward(before, after, was, now)
+        success = skill.success(after, now) & sound
+        failure = np.where(sound, skill.failure(after, now), 0)
+        terminated, truncated = success | (failure > 0), after.diverged.copy()
+        if self.max_episode_steps is not None:
+            truncated |= now.elapsed >= self.max_episode_steps
+        self.diverged += after.diverged
+        self._over = terminated | truncated
+        info = {
+            "success": success,
+            "failure": np.array(skill.failure_labels)[failure],
+            "diverged": after.diverged.copy(),
+            "elapsed": now.elapsed.copy(),
+            "reward_terms": masked({name: np.where(sound, value, 0.0) for name, value in terms.items()}),
+        }
+        return skill.observe(after, now), np.where(sound, rewards, 0.0), terminated, truncated, masked(info)
 
     @property
     def state(self) -> PrivilegedState:
@@ -317,53 +330,6 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             self._state, self._progress = put_rows(self._state, lanes, fresh), self._progress.put(lanes, begun)
         self._over[lanes] = False
         return self._state, self._progress
-
-    def _advance(self, before: PrivilegedState, was: SkillProgress, actions: FloatArray, lanes: IntArray) -> StepResult:
-        """Step some lanes; the others have just begun, so their outcome has no reward."""
-        skill, stepped = self.skill, np.zeros(self.num_envs, dtype=bool)
-        stepped[lanes] = True
-        if len(lanes):
-            legal = skill.mask(actions, before)
-            self.world.step(legal[lanes], lanes, skill.base_speed, skill.arm_step)
-        after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
-        now = skill.advance(was, after) if stepped.all() else was.put(lanes, skill.advance(was[lanes], after[lanes]))
-        self._state, self._progress = after, now
-        return self._outcome(before, after, was, now, stepped)
-
-    def _outcome(
-        self,
-        before: PrivilegedState,
-        after: PrivilegedState,
-        was: SkillProgress,
-        now: SkillProgress,
-        stepped: BoolArray,
-    ) -> StepResult:
-        skill, diverged = self.skill, stepped & after.diverged
-        sound = stepped & ~diverged
-        rewards, terms = skill.reward(before, after, was, now)
-        success = skill.success(after, now) & sound
-        failure = np.where(sound, skill.failure(after, now), 0)
-        terminated, truncated = success | (failure > 0), diverged.copy()
-        if self.max_episode_steps is not None:
-            truncated |= stepped & (now.elapsed >= self.max_episode_steps)
-        self.diverged += diverged
-        self._over = terminated | truncated
-        info = {
-            "success": success,
-            "failure": np.array(skill.failure_labels)[failure],
-            "diverged": diverged,
-            "elapsed": now.elapsed.copy(),
-            "reward_terms": masked({name: np.where(sound, value, 0.0) for name, value in terms.items()}),
-        }
-        return skill.observe(after, now), np.where(sound, rewards, 0.0), terminated, truncated, masked(info)
-
-    def _same_step(self, outcome: StepResult) -> StepResult:
-        """Begin the next episode of lanes that have just ended."""
-        last, rewards, terminated, truncated, info = outcome
-        over = self._over.copy()
-        state, progress = self._begin(np.flatnonzero(over))
-        final = {"final_obs": last, "_final_obs": over, "final_info": info, "_final_info": over}
-        return self.skill.observe(state, progress), rewards, terminated, truncated, {**info, **final}
 
     def _set_spaces(self) -> None:
         low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
@@ -403,36 +369,19 @@ def masked(info: dict[str, Any]) -> dict[str, Any]:
     return {**info, **{f"_{name}": np.ones(size, dtype=bool) for name in info}}
 
 
-def checked_mode(value: AutoresetMode | str) -> AutoresetMode:
-    """Return an autoreset mode by its name; PerdureError for any other value."""
-    try:
-        return AutoresetMode(value)
-    except ValueError:
-        names = ", ".join(repr(mode.value) for mode in AutoresetMode)
-        raise PerdureError(f"autoreset_mode must be one of {names}, not {value!r}") from None
-
-
 class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
     """One lane of a `HomeSkillVectorEnv`: the same seed and actions give the same bits."""
 
-    def __init__(
-        self, *, threads: int = 1, autoreset_mode: AutoresetMode | str = AutoresetMode.DISABLED, **options: Any
-    ) -> None:
+    def __init__(self, *, threads: int = 1, **options: Any) -> None:
         """Create the environment.
 
         Args:
             threads: As for the vector; one lane never uses more than one.
-            autoreset_mode: DISABLED: the caller resets.
             options: Fields of `SkillEnvOptions`, and other settings of the vector.
 
         Raises:
-            PerdureError: If an option does not exist or fit, or for another autoreset mode.
+            PerdureError: If an option does not exist or fit.
         """
-        if (mode := checked_mode(autoreset_mode)) is not AutoresetMode.DISABLED:
-            raise PerdureError(
-                f"autoreset_mode of a single environment must be {AutoresetMode.DISABLED.value!r}, not {mode.value!r}; "
-                "gymnasium.make_vec has the other modes"
-            )
         self.lanes = HomeSkillVectorEnv(1, threads=threads, **options)
         self.observation_space = self.lanes.single_observation_space
         self.action_space = self.lanes.single_action_space

@@ -6,7 +6,6 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.agents.release import STRATEGIES, Ik, make_strategy, upright
 from perdure.home.sim.apartments import make_apartment
-from perdure.home.sim.kinematics import reach
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import REST_ARM
@@ -15,6 +14,7 @@ from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, ARM
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Place
+from tests.home.arm_poses import reach
 
 GRIP = 9
 

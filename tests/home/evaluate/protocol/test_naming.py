@@ -8,7 +8,8 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol
-from perdure.home.sim.scene import Jaws, Rolling, SceneOptions
+from perdure.home.sim.objects import AppleShape
+from perdure.home.sim.scene import Rolling, SceneOptions
 
 PLACES = ("rl", "stop", "ik", "ik+", "delta-50", "delta-50-in-200")
 
@@ -18,18 +19,17 @@ def name(place, **world):
 
 
 def test_every_strategy_and_world_has_a_name_of_its_own():
-    worlds = list(product(get_args(Jaws), get_args(Rolling), (120, 240)))
+    worlds = list(product(get_args(AppleShape), get_args(Rolling), (120, 240)))
     names = {
-        name(place, jaws=jaws, rolling=rolling, physics_hz=hertz)
-        for place, (jaws, rolling, hertz) in product(PLACES, worlds)
+        name(place, apple=apple, rolling=rolling, physics_hz=hertz)
+        for place, (apple, rolling, hertz) in product(PLACES, worlds)
     }
     assert len(names) == len(PLACES) * len(worlds)
 
 
 def test_the_usual_world_has_no_name():
     assert name("ik", visuals=True) == "ik"
-    assert name("ik", jaws="apart", rolling="drag", physics_hz=240) == "ik jaws-apart drag 240-hz"
-    assert name("rl", apple="hull", release_velocity="zero") == "rl hull-apple released-at-zero-velocity"
+    assert name("ik", apple="hull", rolling="drag", physics_hz=240) == "ik drag hull-apple 240-hz"
 
 
 @pytest.mark.parametrize(("word", "scene"), [("no-clutter", {"clutter": False}), ("no-sleep", {"sleep": False})])
@@ -37,7 +37,7 @@ def test_a_scene_without_clutter_or_sleep_has_a_name_of_its_own(word, scene):
     assert name("ik", **scene) == f"ik {word}"
 
 
-@pytest.mark.parametrize("wrong", [{"jaws": "always"}, {"rolling": "ice"}, {"physics_hz": 100}, {"apple": "pear"}])
+@pytest.mark.parametrize("wrong", [{"rolling": "ice"}, {"physics_hz": 100}, {"apple": "pear"}])
 def test_values_that_are_not_allowed_are_refused_by_name(wrong):
     with pytest.raises(PerdureError, match=next(iter(wrong))):
         SceneOptions(**wrong)

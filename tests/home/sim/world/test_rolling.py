@@ -49,29 +49,8 @@ def test_a_hull_comes_to_rest_on_a_face_where_a_sphere_rolls_on(empty_room):
 
 
 @pytest.mark.parametrize(
-    ("how", "wanted"), [("kept", (0.6, 0.0, 0.0)), ("base-removed", (0.1, 0.2, 0.0)), ("zero", (0.0, 0.0, 0.0))]
-)
-def test_what_an_object_keeps_of_the_base_s_motion_when_it_is_let_go(empty_room, how, wanted):
-    """The base drives at 0.5 m/s along x and turns at -0.5 rad/s: 0.4 m ahead it moves at (0.5, -0.2) m/s."""
-    bare, middle, _ = empty_room
-    x, y = map(float, middle)
-    apple = Placement("013_apple", (x + 0.4, y, 0.5), (1.0, 0.0, 0.0, 0.0), "floor")
-    world = VectorSimulator(1)
-    world.reset(0, build_scene(bare, [apple], options=SceneOptions(release_velocity=how)), Pose(x, y, 0.0), held=0)
-    lane = world.simulator(0)
-    address, speed = lane.scene.object_qpos[0], lane.scene.object_qvel[0]
-    lane.qpos[address : address + 2] = x + 0.4, y
-    lane.qpos[address + 3 : address + 7] = np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0  # its y axis is up
-    lane.robot_velocity[:3] = 0.5, 0.0, -0.5
-    lane.qvel[speed : speed + 6] = 0.6, 0.0, 0.0, 0.0, -0.5, 0.0
-    lane.release()
-    assert lane.qvel[speed : speed + 3] == pytest.approx(wanted)
-    assert lane.qvel[speed + 3 : speed + 6] == pytest.approx((0.0, -0.5 if how == "kept" else 0.0, 0.0))
-
-
-@pytest.mark.parametrize(
     ("option", "valid"),
-    [("rolling", "friction, drag"), ("apple", "sphere, hull"), ("release_velocity", "kept, base-removed, zero")],
+    [("rolling", "friction, drag"), ("apple", "sphere, hull")],
 )
 def test_an_unknown_world_is_refused(option, valid):
     with pytest.raises(PerdureError, match=f"{option} must be one of {valid}, not 'ice'"):

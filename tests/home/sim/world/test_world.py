@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from perdure.errors import PerdureError
-from perdure.home.sim.kinematics import reach
 from perdure.home.sim.occupancy import free_space
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import REST_ARM, REST_POSITION
@@ -14,6 +13,7 @@ from perdure.home.sim.sensors import BEAMS, SCAN_ANGLES, SCAN_RANGE, SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, TURN
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
+from tests.home.arm_poses import reach
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from perdure.home.sim.kinematics import reach
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import REST_ARM
 from perdure.home.sim.simulator import ARM, ARM_STEP, GRIP
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.starts import TOUCH, Start, put, touching
+from tests.home.arm_poses import reach
 
 AROUND = np.linspace(0.0, 2.0 * np.pi, 24)
 

@@ -52,7 +52,6 @@ def test_options_that_make_no_sense_are_refused(options, word):
         ({"threads": "2"}, "threads"),
         ({"max_episode_steps": 10.5}, "max_episode_steps"),
         ({"lanes": 0}, "num_envs"),
-        ({"autoreset_mode": "Next"}, "'NextStep', 'SameStep', 'Disabled', not 'Next'"),
     ],
 )
 def test_settings_of_the_vector_of_a_wrong_type_are_refused(options, word):
@@ -76,10 +75,9 @@ def test_a_step_limit_in_which_the_object_cannot_stay_is_refused():
     gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450).close()
 
 
-@pytest.mark.parametrize("options", [{"skill": "pick"}, {"autoreset_mode": "NextStep"}, {"autoreset_mode": "SameStep"}])
-def test_options_that_would_break_a_single_environment_are_refused(options):
-    with pytest.raises(PerdureError, match="perdure/HomePick-v0" if "skill" in options else "must be 'Disabled'"):
-        gymnasium.make(env_id("place"), split="val", episodes=1, **options)
+def test_an_id_refuses_another_skill():
+    with pytest.raises(PerdureError, match="perdure/HomePick-v0"):
+        gymnasium.make(env_id("place"), split="val", episodes=1, skill="pick")
 
 
 def test_an_id_makes_a_vector_of_its_own_skill_alone():

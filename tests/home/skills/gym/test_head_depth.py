@@ -9,7 +9,6 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from lanes import drive, make, random_actions
 
 from perdure.errors import PerdureError
@@ -190,8 +189,6 @@ def test_many_scenes_share_what_is_drawn_with_and_look_as_with_a_camera_of_their
 def test_what_does_not_fit_is_refused(monkeypatch):
     with pytest.raises(PerdureError, match="env must be a home skill environment"):
         HeadDepth(gymnasium.make("CartPole-v1"))
-    with pytest.raises(PerdureError, match="SAME_STEP"):
-        VectorHeadDepth(make("pick", "set_table", autoreset_mode=AutoresetMode.SAME_STEP))
     with pytest.raises(PerdureError, match="1 to"):
         HeadCamera(0)
     monkeypatch.setenv("MUJOCO_GL", "off")

@@ -118,36 +118,6 @@ def test_the_step_limit_truncates():
     assert [bool(env.step(np.zeros((1, 10)))[3][0]) for _ in range(3)] == [False, False, True]
 
 
-class TestAutoreset:
-    actions = np.zeros((2, 10))
-    actions[1, -1] = -1.0
-
-    def test_next_step_begins_the_next_episode_one_step_later_without_reward(self):
-        env = make("place", "tidy_house", lanes=2, autoreset_mode=AutoresetMode.NEXT_STEP)
-        twin = make("place", "tidy_house", lanes=2)
-        for each in (env, twin):
-            each.reset(seed=0)
-            each.step(self.actions)
-        renewed, _ = twin.reset(options={"reset_mask": np.array([False, True])})
-        shown, rewards, terminated, _, info = env.step(self.actions)
-        np.testing.assert_array_equal(shown[1], renewed[1])
-        assert (rewards[1], terminated[1], info["elapsed"].tolist()) == (0.0, False, [2, 0])
-        assert env.step(self.actions)[2].tolist() == [False, True]
-
-    def test_same_step_shows_the_next_episode_and_keeps_the_last_observation(self):
-        env = make("place", "tidy_house", lanes=2, autoreset_mode="SameStep")
-        twin = make("place", "tidy_house", lanes=2)
-        for each in (env, twin):
-            each.reset(seed=0)
-        last, *_ = twin.step(self.actions)
-        renewed, _ = twin.reset(options={"reset_mask": np.array([False, True])})
-        shown, _, terminated, _, info = env.step(self.actions)
-        np.testing.assert_array_equal(shown, renewed)
-        np.testing.assert_array_equal(info["final_obs"][1], last[1])
-        assert (terminated.tolist(), info["_final_obs"].tolist()) == ([False, True], [False, True])
-        assert info["final_info"]["failure"][1] == "wrong drop"
-
-
 def test_a_lane_that_diverges_ends_and_is_counted_and_the_others_do_not_notice():
     courses = []
     for poisoned in (False, True):
