@@ -184,6 +184,7 @@ def scene() -> dict[str, float]:
     from perdure.home.sim.vector_simulator import VectorSimulator
     from perdure.home.skills import get_skill
     from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
+    from perdure.home.tasks.planning import make_plan
 
     log: list[tuple[np.ndarray, ...]] = []
 
@@ -193,7 +194,7 @@ def scene() -> dict[str, float]:
             super().step(*arguments)
 
     episodes = load_episodes("set_table", "val").episodes[:HOME_LANES]
-    skills = {step.skill: get_skill(step.skill) for step in episodes[0].home_task.skills}
+    skills = {step.skill: get_skill(step.skill) for step in make_plan(episodes[0].home_task)}
     oracle = Oracle()
     agents = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
     execute.VectorSimulator = Recorded  # type: ignore[misc]

@@ -59,11 +59,11 @@ def log_of(episode: dict, control_hz: float, strategy: str, train_seed: int) -> 
     start = json.dumps([episode["targets"], episode["history"][0]["objects"]])
     runs = [
         SkillRun(
-            *(number, skill["name"], skill["target"], skill["begin"], skill["end"], skill["ending"]),
+            *(skill["name"], skill["target"], 1, "", False, skill["begin"], skill["end"], skill["ending"]),
             success=False,
             forced_release=skill.get("forced", False),
         )
-        for number, skill in enumerate(episode["skills"])
+        for skill in episode["skills"]
     ]
     return EpisodeLog(
         **{name: episode[name] for name in ("task", "split", "eval_seed", "steps", "diverged")},

@@ -75,7 +75,7 @@ def skill(monkeypatch):
 def episode(monkeypatch):
     """An episode of a task whose plan uses the skill."""
     plan = with_resets(("navigate", 0), (NAME, 0))
-    monkeypatch.setitem(TASKS, "wave", replace(SET_TABLE, name="wave", skills=plan))
+    monkeypatch.setitem(TASKS, "wave", replace(SET_TABLE, name="wave", sequence=plan))
     return replace(load_episodes("set_table", "val")[0], task="wave")
 
 

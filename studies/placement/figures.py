@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
-from perdure.home.evaluate.analysis import GROUP, outcome_shares, shape_table
+from perdure.home.evaluate.analysis import GROUP, outcome_shares
 from perdure.home.evaluate.comparison import describe_task, make_views
 from perdure.home.evaluate.figures import outcome_figure, shape_figure, stage_figure
 from perdure.report import wording
@@ -36,7 +36,7 @@ def view_tables(tables: Tables) -> Tables:
     """Return the tables that figures of home pages are made of, with drag only."""
     names = ("success", "stages", "outcomes", "kinds")
     here = {name: tables[name].filter(pl.col("strategy").is_in(SHOWN)) for name in names}
-    return {**here, "outcomes": outcome_shares(here["outcomes"]), "shapes": shape_table(here["kinds"])}
+    return {**here, "outcomes": outcome_shares(here["outcomes"])}
 
 
 def strategy_figures(tables: Tables) -> Iterator[Figure]:

@@ -19,7 +19,6 @@ from perdure.home.failures import (
     PICTURES,
     Failure,
     Replay,
-    condition_of,
     failure_sheet,
     logged_agent,
     picture_steps,
@@ -47,7 +46,7 @@ def replay_of(story, counting="stabilizing"):
 
 
 def shown(replay):
-    return picture_steps(replay, replay.label, condition_of(replay.log, replay.label))
+    return picture_steps(replay, replay.label)
 
 
 def rolls_away():

@@ -1,5 +1,7 @@
 """Films of episodes: the trajectory is that of the protocol; what stands beside what; who is said to act."""
 
+from dataclasses import replace
+
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from perdure.home.pictures import put, render_scene
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import get_skill
 from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.planning import make_plan
 
 SIZE = (96, 64)
 STEPS = 260
@@ -65,7 +68,7 @@ def test_a_recording_is_the_trajectory_of_the_protocol():
             raise EnoughError
 
     agent = Oracle()
-    names = {step.skill for step in episode.home_task.skills}
+    names = {step.skill for step in make_plan(episode.home_task)}
     agents = {name: Scripted() if name == "reset_arm" else agent for name in names}
     with pytest.raises(EnoughError):
         next(Executor({name: get_skill(name) for name in names}, agents, options).run([episode], watch))
@@ -94,7 +97,7 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
     shown = {"left": (20, 60), "right": (100, 140, 180, 220)}
 
     def recorded(episode, agent, *given):
-        caption = Caption(0.0, 1, 1, "", (("pick_0", False),))
+        caption = Caption(0.0, 1, "", (("pick_0", False),))
         return Recording(tuple(Frame(np.array([v]), caption, None, -1) for v in shown[agent.skill_agents]), None)
 
     class Studio:
@@ -183,7 +186,8 @@ def test_captions_say_who_acts():
 
 
 def test_captions_say_what_is_done(episode):
-    words = [film.skill_words(episode, begun) for begun in range(len(episode.home_task.skills) + 1)]
-    assert words[0] == "start"
+    words = [film.skill_words(episode, step) for step in make_plan(episode.home_task)]
+    again = replace(make_plan(episode.home_task)[0], attempt=4, scripted=True)
+    assert film.skill_words(episode, again) == "navigate to open the drawer, attempt 4 (scripted)"
     for part in ("navigate to open the drawer", "open the drawer", "pick the bowl", "place the apple", "reset the arm"):
         assert part in words

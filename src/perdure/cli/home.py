@@ -40,6 +40,10 @@ Policies = Annotated[
         "those that they name), else the oracle."
     ),
 ]
+PlannerName = Annotated[
+    Literal["open", "closed"],
+    tyro.conf.arg(help="open: the task's plan runs whatever happens. closed: it is planned again after each skill."),
+]
 World = Annotated[WorldOptions, tyro.conf.OmitArgPrefixes]
 
 
@@ -131,10 +135,16 @@ def _point(position: tuple[float, float, float]) -> str:
 
 def plan(task: Task) -> None:
     """Show a task's plan as a STRIPS planner finds it."""
-    from perdure.home.skills import SKILLS, get_skill
-    from perdure.home.tasks.planning import print_plan
+    from rich.console import Console
+    from rich.table import Table
 
-    print_plan(task, {name: get_skill(name).limit for name in SKILLS})
+    from perdure.home.skills import get_skill
+    from perdure.home.tasks.planning import make_plan
+
+    table = Table("", "skill", "target", "then", "step limit", title=f"Plan of {task}", box=None)
+    for number, step in enumerate(make_plan(task), 1):
+        table.add_row(str(number), step.skill, str(step.target), step.toward or "", str(get_skill(step.skill).limit))
+    Console().print(table)
 
 
 def video(
@@ -151,6 +161,7 @@ def video(
     policies: Policies = (),
     train_seed: int = 0,
     vary: Vary = "all",
+    planner: PlannerName = "open",
     world: World = WorldOptions(),  # noqa: B008 - frozen
 ) -> None:
     """Film an episode: the oracle, or several release strategies side by side. Needs no screen.
@@ -171,12 +182,12 @@ def video(
     from perdure.home.tasks.episodes import load_episodes
 
     filmed = load_episodes(task, split)[index]
-    executor = ExecutorOptions(eval_seed=eval_seed, scene=SceneOptions(**vars(world)))
+    executor = ExecutorOptions(eval_seed=eval_seed, scene=SceneOptions(**vars(world)), planner=planner)
     options = FilmOptions(camera, size, speed, seconds, executor)
     if policies and not place:
         raise PerdureError("--policies needs --place: without release strategies the oracle acts in every skill")
     chosen = parse_policies(policies)
-    agents = [make_agent(task, each, train_seed, chosen, vary) for each in place]
+    agents = [make_agent(task, each, train_seed, chosen, vary, planner) for each in place]
     logs = film_episode(filmed, out, options, agents)
     for who, log in zip([f"{each}: " for each in place] or [""], logs, strict=True):
         if log is not None:  # else the film ended before the episode
@@ -258,6 +269,7 @@ def run(
     vary: Vary = "all",
     eval_seeds: int = 1,
     policies: Policies = (),
+    planner: PlannerName = "open",
     world: World = WorldOptions(),  # noqa: B008 - frozen
     max_lanes: int = 50,
     cores: Cores = None,
@@ -291,7 +303,7 @@ def run(
     check_folder(out)
     if max_lanes < 1:
         raise PerdureError(f"--max-lanes must be 1 or more, not {max_lanes}")
-    options = ExecutorOptions(lanes=max_lanes, scene=SceneOptions(**vars(world)))
+    options = ExecutorOptions(lanes=max_lanes, scene=SceneOptions(**vars(world)), planner=planner)
     chosen = parse_policies(policies)
     protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, vary, chosen, options)
     with show_progress(f"{task} {place}", "episodes") as observe:
@@ -369,7 +381,10 @@ def failures(
         differs = replay.label != failure.label
         others += differs
         again = f", replayed: {failure.words(replay.label)}" if differs else ""
-        print(f"{failure.line}, {path}{again}", flush=True)
+        log, words = failure.log, failure.words(failure.label)
+        seeds = f"training seed {log.train_seed}, evaluation seed {log.eval_seed}"
+        what = f"{log.task}, {log.split}, {log.strategy}, {seeds}, {log.index:03d}, {words}"
+        print(f"{what}, {path}{again}", flush=True)
     if others:
         reason = "the code or the policies are not those of the logs"
         sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: {reason}")
@@ -396,7 +411,8 @@ def overlaps(logs: Logs, deeper_than: float = 0.005) -> None:
         unknown += sum(not record.final_objects for record in records)
         for overlap in find_overlaps(records, deeper_than, apple):
             found += 1
-            print(overlap.line, flush=True)
+            first, second = (f"{overlap.log.final_objects[k].kind} ({k})" for k in (overlap.first, overlap.second))
+            print(f"{overlap.log.name}: {first} and {second}, {1000 * overlap.depth:.1f} mm", flush=True)
     checked = f"{episodes - unknown:,} episodes checked" + (f", {unknown:,} have no final poses" if unknown else "")
     print(f"{checked}: {found} pairs at rest overlap by more than {1000 * deeper_than:g} mm")
     if found:

@@ -23,10 +23,8 @@ from perdure.home.evaluate.outcomes import (
     REST_MOVE,
     Counting,
     Label,
-    blamed,
     in_goal_since,
     label,
-    latched,
     placement,
     release_offset,
     stage_steps,
@@ -40,6 +38,7 @@ from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import Episode, episode_hash, load_episodes
+from perdure.home.tasks.planners import needed_skills
 from perdure.home.tasks.tasks import AT, NOTHING, SETTLE_STEPS, Predicate, get_task
 
 PICTURES = 8
@@ -99,13 +98,6 @@ class Failure:
         if found is None:
             return "no failure"
         return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}"
-
-    @property
-    def line(self) -> str:
-        """Identity and label on one line."""
-        log, words = self.log, self.words(self.label)
-        seeds = f"training seed {log.train_seed}, evaluation seed {log.eval_seed}"
-        return f"{log.task}, {log.split}, {log.strategy}, {seeds}, {log.index:03d}, {words}"
 
     @property
     def file_name(self) -> str:
@@ -171,14 +163,15 @@ def logged_agent(failure: Failure, policies: Mapping[str, str]) -> Agent:
     """
     task, place, train_seed, noted = failure.assignment
     # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
-    elsewhere = SKILLS.keys() - {step.skill for step in get_task(task).skills}
+    elsewhere = SKILLS.keys() - set(needed_skills(get_task(task), failure.protocol.options.planner))
     named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
     protocol = replace(failure.protocol, policies={**failure.protocol.policies, **named})
     chosen = protocol.policies_of(train_seed)
     for skill, name in noted:
         if skill not in named and (now := chosen[skill].name) != name:
             raise PerdureError(f"{skill} of these logs was {name}, and is {now} now: --policies {skill}=FILE names one")
-    return make_agent(task, place, train_seed, {skill: each.source for skill, each in chosen.items()})
+    sources = {skill: each.source for skill, each in chosen.items()}
+    return make_agent(task, place, train_seed, sources, planner=protocol.options.planner)
 
 
 def replay_failure(failure: Failure, agent: Agent) -> Replay:
@@ -189,18 +182,9 @@ def replay_failure(failure: Failure, agent: Agent) -> Replay:
     return Replay(again.log, label(again.log, failure.counting), np.array([frame.state for frame in again.frames]))
 
 
-def condition_of(log: EpisodeLog, found: Label) -> Predicate | None:
-    """Return the condition that a label blames, `at(k)` for a placement; None when the skill never ended."""
-    number = [stage.name for stage in log.home_task.stages].index(found.stage)
-    return Predicate("at", found.target) if latched(log)[number] else blamed(log, number)
-
-
-def picture_steps(replay: Replay, found: Label, condition: Predicate | None) -> dict[int, str]:
-    """Return the steps to show, in order, each with a note on what happens there; fillers have an empty note.
-
-    `condition` is what the label blames, see `condition_of`.
-    """
-    log = replay.log
+def picture_steps(replay: Replay, found: Label) -> dict[int, str]:
+    """Return the steps to show, in order, each with a note on what happens there; fillers have an empty note."""
+    log, condition = replay.log, found.condition
     release = placement(log, found.target) if condition is not None and condition.name == "at" else None
     if log.diverged:
         keys, way = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}, _time(log)
@@ -209,7 +193,7 @@ def picture_steps(replay: Replay, found: Label, condition: Predicate | None) -> 
         placed = log.run("place", found.target)
         keys = keys | _hardest(replay.history, placed) if placed and found.cause == "collision" else keys
     else:
-        keys, way = _in_run(replay, found, condition), _time(log)
+        keys, way = _in_run(replay, found), _time(log)
     steps = _fill(sorted(keys), way)
     return {step: keys.get(step, "") for step in steps}
 
@@ -234,9 +218,9 @@ def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], Fl
     return keys | {rest: keys.get(rest, "")}, np.concatenate([[0.0], np.cumsum(pace)])
 
 
-def _in_run(replay: Replay, found: Label, condition: Predicate | None) -> dict[int, str]:
+def _in_run(replay: Replay, found: Label) -> dict[int, str]:
     """Return the first and the last step of the skill that failed, and the step of its failure cause."""
-    log, history = replay.log, replay.history
+    log, history, condition = replay.log, replay.history, found.condition
     run = failed_run(log, found)
     last = log.steps - 1 if run is None else max(run.end - 1, 0)
     first = max(0, min(last - BEFORE, last if run is None else run.begin))
@@ -304,9 +288,8 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
         PerdureError: If no picture can be drawn on this machine.
     """
     log, found = (failure.log, failure.label) if replay.label is None else (replay.log, replay.label)
-    condition, episode = condition_of(log, found), failure.episode
-    taken = picture_steps(replay, found, condition)
-    views = [_view(episode, replay, found, condition, step) for step in taken]
+    episode, taken = failure.episode, picture_steps(replay, found)
+    views = [_view(episode, replay, found, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
     marks = [goal_marks(episode)[found.target]]
     simulator = render_scene(episode, failure.log.eval_seed)
@@ -317,18 +300,16 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
             caption = _step_caption(episode, replay, step, note or measure)
             pictures.append(annotate(studio.take(shot, marks), (), caption.rows(1.0)))
     title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
-    numbers = _numbers(replay, found, condition)
+    numbers = _numbers(replay, found)
     if replay.label != failure.label:
         numbers = f"the logs have another label for it: {failure.words(failure.label)}"
     above: list[Row] = [(2 * TITLE, [(title, INK)]), (2 * SMALL, [(numbers, GRAY)])]
     return annotate(tile(pictures, COLUMNS), above)
 
 
-def _view(
-    episode: Episode, replay: Replay, found: Label, condition: Predicate | None, step: int
-) -> tuple[FloatArray, str]:
+def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[FloatArray, str]:
     """Return two points to show in [m], shape (2, 3), and the measure between them as text."""
-    facts, gripper = replay.history.facts, replay.history.gripper[step]
+    facts, gripper, condition = replay.history.facts, replay.history.gripper[step], found.condition
     thing, name = facts.object_positions[step, found.target], found.stage if condition is None else condition.name
     if name.startswith(("at", "place", "not_holding")):
         goal = episode.goal_positions[found.target]
@@ -350,17 +331,18 @@ def _view(
 
 def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Caption:
     """Return the text of the strip below a picture."""
-    log, plan = replay.log, episode.home_task.skills
-    begun = min(int(log.active[min(step, log.length - 1)]) + 1, len(plan))
-    stages = zip(episode.home_task.stages, stage_steps(log), strict=True)
-    skill = skill_words(episode, begun) if step < log.steps else "settling"
-    reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
-    return Caption((step + 1) / CONTROL_HZ, begun, len(plan), f"{skill}: {words}", reached)
-
-
-def _numbers(replay: Replay, found: Label, condition: Predicate | None) -> str:
-    """Return the measurements behind the label as text."""
     log = replay.log
+    run = log.run_at(step)
+    begun = sum(each.begin <= step for each in log.runs)
+    stages = zip(episode.home_task.stages, stage_steps(log), strict=True)
+    skill = "settling" if run is None else skill_words(episode, run)
+    reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
+    return Caption((step + 1) / CONTROL_HZ, begun, f"{skill}: {words}", reached)
+
+
+def _numbers(replay: Replay, found: Label) -> str:
+    """Return the measurements behind the label as text."""
+    log, condition = replay.log, found.condition
     release = placement(log, found.target) if condition is not None and condition.name == "at" else None
     if release is not None:
         away, above = release_offset(log, release)

@@ -17,12 +17,11 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.film import GRAY, GREEN, INK, PALE, Picture, Row, annotate, check_film, tile, write_film
-from perdure.home.agents.learned import Scripted, SkillAgent
-from perdure.home.agents.scripted import Oracle
+from perdure.home.agents.learned import SkillAgent
 from perdure.home.evaluate.comparison import describe
-from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running, door_positions, held_target
-from perdure.home.evaluate.log import UNTRAINED, EpisodeLog
-from perdure.home.evaluate.policies import SkillPolicy, make_agents
+from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
+from perdure.home.evaluate.log import UNTRAINED, EpisodeLog, SkillRun
+from perdure.home.evaluate.policies import ORACLE, SkillPolicy, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol, Vary
 from perdure.home.pictures import Follower, Shot, Studio, check_camera, goal_marks, put, render_scene
 from perdure.home.sim.arrays import FloatArray
@@ -30,9 +29,10 @@ from perdure.home.sim.objects import short_name
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.skills import Skill, get_skill
+from perdure.home.skills import SKILLS, Skill
 from perdure.home.tasks.episodes import Episode
-from perdure.home.tasks.tasks import SkillName, WorldFacts, latch
+from perdure.home.tasks.planners import PlannerName
+from perdure.home.tasks.tasks import SkillName, SkillStep
 
 AFTERWARDS = 45
 """Control steps that are shown after the plan has ended."""
@@ -85,7 +85,12 @@ class Agent:
 
 
 def make_agent(
-    task: str, place: str, train_seed: int = 0, policies: Mapping[str, str] | None = None, vary: Vary = "all"
+    task: str,
+    place: str,
+    train_seed: int = 0,
+    policies: Mapping[str, str] | None = None,
+    vary: Vary = "all",
+    planner: PlannerName = "open",
 ) -> Agent:
     """Return the agent of a release strategy.
 
@@ -95,11 +100,13 @@ def make_agent(
         train_seed: Of the shipped policies.
         policies: Skill to file or "oracle", see `choose_policies`; else shipped policies, else the oracle.
         vary: Which policies are those of the training seed, see `EvaluationProtocol`.
+        planner: The planner, which decides what skills there are.
 
     Raises:
         PerdureError: If strategy, skill or file do not exist.
     """
-    protocol = EvaluationProtocol(task, place, episodes=1, vary=vary, policies=policies or {})
+    options = ExecutorOptions(planner=planner)
+    protocol = EvaluationProtocol(task, place, episodes=1, vary=vary, policies=policies or {}, options=options)
     chosen = protocol.policies_of(train_seed)
     skill_agents = make_agents(chosen, protocol.release.strategy)
     return Agent(f"{place}: {describe(place)}", acting(chosen), skill_agents, protocol.skills())
@@ -122,9 +129,7 @@ class Caption:
     seconds: float
     """Simulated time since the start."""
     number: int
-    """Number of plan steps that have begun."""
-    total: int
-    """Number of plan steps."""
+    """Number of skills that have begun."""
     words: str
     """Such as `pick the bowl`."""
     stages: tuple[tuple[str, bool], ...]
@@ -133,21 +138,19 @@ class Caption:
     def rows(self, speed: float) -> list[Row]:
         """Return the text below a picture; stages turn green once they are reached. `speed` relative to real time."""
         pace = f"{speed:g} x real time" if speed != 1.0 else "real time"
-        clock = f"skill {self.number} of {self.total}    {self.seconds:.1f} s    {pace}"
+        clock = f"skill {self.number}    {self.seconds:.1f} s    {pace}"
         stages = [(name.replace("_", " "), GREEN if done else PALE) for name, done in self.stages]
         return [(WORDS, [(self.words, INK)]), (SMALL, [(clock, GRAY)]), (SMALL, stages)]
 
 
-def skill_words(episode: Episode, begun: int) -> str:
-    """Return what the robot does after it has begun a number of plan steps, such as `pick the bowl`."""
-    if not begun:
-        return "start"
-    step = episode.home_task.skills[begun - 1]
+def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
+    """Return what the robot does in a skill, such as `pick the bowl, attempt 2`."""
     if step.skill == "reset_arm":
         return "reset the arm"
     verb, _, kind = ((step.toward or "pick") if step.skill == "navigate" else step.skill).partition("_")
     words = f"{verb} the {kind or short_name(episode.objects[step.target].kind)}"
-    return f"navigate to {words}" if step.skill == "navigate" else words
+    words = f"navigate to {words}" if step.skill == "navigate" else words
+    return f"{words}, attempt {step.attempt}{' (scripted)' if step.scripted else ''}" if step.attempt > 1 else words
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,29 +202,25 @@ def record(
         train_seed: Written into the log.
     """
     frames: list[Frame] = []
-    reached, task, targets = np.zeros(len(episode.home_task.stages), dtype=bool), episode.home_task, len(episode.goals)
+    reached: list[str] = []
     lane = np.array([0])
 
     def observe(world: VectorSimulator, running: Mapping[int, Running]) -> None:
-        begun, state = running[0].begun, world.sense(lane)
-        facts = WorldFacts(
-            world.objects(lane, targets)[0][0, :, :3],
-            episode.goal_positions,
-            held_target(state, targets)[0],
-            *door_positions(world, lane, [running[0].doors])[0],
-        )
-        reached[:] = latch(task, reached, facts)
-        stages = tuple((stage.name, bool(done)) for stage, done in zip(task.stages, reached, strict=True))
-        now = (len(frames) + 1) / CONTROL_HZ
-        caption = Caption(now, begun, len(task.skills), skill_words(episode, begun), stages)
-        skill, target = task.skills[max(begun - 1, 0)].skill, world.skill_goal(0).target
+        now, step, state = running[0], running[0].current, world.sense(lane)
+        facts, stages = now.facts(world, 0), episode.home_task.stages
+        while len(reached) < len(stages) and stages[len(reached)].met(facts):
+            reached.append(stages[len(reached)].name)
+        words = "settling" if step is None else skill_words(episode, step)
+        begun, seconds_now = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
+        caption = Caption(seconds_now, begun, words, tuple((each.name, each.name in reached) for each in stages))
+        skill, target = "reset_arm" if step is None else step.skill, world.skill_goal(0).target
         near = {"pick": state.object, "place": state.goal, "navigate": state.aim}.get(skill, state.handle)
         focus = None if skill == "reset_arm" else near[0].copy()
         focused = target if skill in ("pick", "place") else -1
         frames.append(Frame(world.simulator(0).qpos.copy(), caption, focus, focused))
         if show is not None:
             show(frames[-1])
-        if now >= seconds:
+        if seconds_now >= seconds:
             raise _TimeOverError
 
     options = replace(options or ExecutorOptions(settle_steps=AFTERWARDS), lanes=1, threads=1)
@@ -249,12 +248,12 @@ def film_episode(
     """
     check_film(path)
     options, rate = options or FilmOptions(), RATES[path.suffix.lower()]
-    agents = agents or [_oracle(episode)]
+    executor, agents = replace(options.executor, settle_steps=AFTERWARDS), agents or [_oracle(episode)]
     recordings: list[Recording] = []
 
     def pictures() -> Iterator[Picture]:
         with Studio(render_scene(episode, options.executor.eval_seed), options.size) as studio:
-            recordings.extend(_record(episode, agent, options) for agent in agents)
+            recordings.extend(record(episode, agent, executor, options.seconds) for agent in agents)
             stride = CONTROL_HZ * options.speed / rate
             length = max(len(each.frames) for each in recordings)
             steps = [max(0, math.ceil(k * stride - 1e-9) - 1) for k in range(int(length / stride + 1e-9) + 1)]
@@ -270,14 +269,7 @@ def film_episode(
 
 
 def _oracle(episode: Episode) -> Agent:
-    oracle = Oracle()
-    names = {step.skill for step in episode.home_task.skills}
-    agents: dict[str, SkillAgent] = {name: Scripted() if name == "reset_arm" else oracle for name in names}
-    return Agent("", "", agents, {name: get_skill(name) for name in names})
-
-
-def _record(episode: Episode, agent: Agent, options: FilmOptions) -> Recording:
-    return record(episode, agent, replace(options.executor, settle_steps=AFTERWARDS), options.seconds)
+    return replace(make_agent(episode.task, "rl", UNTRAINED, dict.fromkeys(SKILLS, ORACLE)), title="")
 
 
 class _Captioned:

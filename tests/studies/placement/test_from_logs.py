@@ -49,7 +49,7 @@ def test_a_row_of_which_episodes_are_missing_keeps_its_numbers(out):
 
 
 def test_a_row_without_policies_is_refused():
-    with pytest.raises(PerdureError, match="no policy is shipped for delta-7 on set_table"):
+    with pytest.raises(PerdureError, match="is shipped for place-delta-7 on set_table"):
         list(protocol_units(replace(ROW, place="delta-7").protocol(), ""))
 
 

@@ -26,6 +26,7 @@ from perdure.home.evaluate.outcomes import (
     FAILURE_CAUSES,
     OTHER,
     SUCCESS,
+    final_state,
     handled,
     label,
     latched,
@@ -63,24 +64,12 @@ class Placed:
     @property
     def run(self) -> SkillRun | None:
         """The skill in which it was released."""
-        return next((run for run in self.log.runs if run.begin <= self.release.step < run.end), None)
+        return self.log.run_at(self.release.step)
 
     @property
     def displacement(self) -> FloatArray:
         """From the release to the end of its track in [m]. Shape (3,)."""
         return np.asarray(self.release.track.position[-1] - self.release.track.position[0])
-
-    @property
-    def offset(self) -> tuple[float, float]:
-        """Of the release from the rest position in the goal in [m]: in the plane, upward."""
-        return release_offset(self.log, self.release)
-
-    @property
-    def skill_end(self) -> int:
-        """Last step in which the plan handled the target."""
-        span = handled(self.log, self.target)
-        assert span is not None
-        return span[1] - 1
 
     @property
     def forced(self) -> bool:
@@ -103,6 +92,8 @@ IDENTITY = (*GROUP, *SAME_EPISODE)
 EPISODES: Columns = {
     "success": (bool, "whether the whole task succeeded, latched", lambda log: latched(log)[-1]),
     "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: stages_stabilizing(log)[-1]),
+    "final": (bool, "see `outcomes.final_state`", final_state),
+    "scripted": (int, "scripted skills that stood in for a policy", lambda log: sum(run.scripted for run in log.runs)),
     "outcome": (str, "see `outcomes.outcome`", outcome),
     "seconds": (float, "duration [s]", lambda log: log.steps / log.control_hz),
     "settle_seconds": (float, "settling time after it [s]", lambda log: (log.length - log.steps) / log.control_hz),
@@ -127,14 +118,22 @@ PLACEMENTS: Columns = {
     "cylinder": (bool, "whether it is a can", lambda at: at.log.targets[at.target].cylinder),
     "skill": (str, "skill in which it was released", lambda at: at.run.skill if at.run else ""),
     "forced": (bool, "whether the hand was opened by force", lambda at: at.forced),
-    "release_height": (float, "height at the release above rest [m]", lambda at: at.offset[1]),
-    "release_offset": (float, "offset from its goal in the plane [m]", lambda at: at.offset[0]),
+    "release_height": (float, "height at the release above rest [m]", lambda at: release_offset(at.log, at.release)[1]),
+    "release_offset": (
+        float,
+        "from its goal in the plane [m]",
+        lambda at: release_offset(at.log, at.release)[0],
+    ),
     "tilt": (float, "of its z axis at the release [deg]", lambda at: float(tilt(at.release.track.up[0]))),
     "object_speed": (float, "at the release [m/s]", lambda at: at.release.object_speed),
     "gripper_speed": (float, "at the release [m/s]", lambda at: at.release.gripper_speed),
     "base_speed": (float, "at the release [m/s]", lambda at: at.release.base_speed),
     "in_goal_release": (bool, "in its goal at the release", lambda at: at.inside(at.release.step)),
-    "in_goal_skill_end": (bool, "... when its place skill ended", lambda at: at.inside(at.skill_end)),
+    "in_goal_skill_end": (
+        bool,
+        "... when its last place skill ended",
+        lambda at: at.inside((handled(at.log, at.target) or (0, 1))[1] - 1),
+    ),
     "in_goal_end": (bool, "... at the last step of the episode", lambda at: at.inside(at.log.steps - 1)),
     "in_goal_settled": (bool, "... at the last step of the settling time", lambda at: at.inside(at.log.length - 1)),
     "stabilizing": (bool, "whether it is goal-stabilizing", lambda at: at.stays),
@@ -170,8 +169,6 @@ class Analysis:
     """How often each stage and cause came; see `mode_table`."""
     kinds: pl.DataFrame
     """Placements by object kind; see `kind_table`."""
-    shapes: pl.DataFrame
-    """Placements of cylinders and others (figure 2-5); see `shape_table`."""
 
 
 def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
@@ -188,7 +185,6 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     released = ((log, target, placement(log, target)) for log in logs for target in range(len(log.targets)))
     placements = _frame(PLACEMENTS, ((log, Placed(log, k, each)) for log, k, each in released if each is not None))
     stages = stage_table(logs, np.random.default_rng(seed))
-    kinds = kind_table(placements)
     return Analysis(
         episodes,
         placements,
@@ -198,8 +194,7 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
         seed_table(episodes),
         outcome_table(episodes),
         mode_table(failures, episodes),
-        kinds,
-        shape_table(kinds),
+        kind_table(placements),
     )
 
 
@@ -265,7 +260,8 @@ def success_table(episodes: pl.DataFrame, stages: pl.DataFrame, placements: pl.D
 
     `train_seeds`, `eval_seeds`, `episodes`; mean, standard error and bounds of the 95 % interval by both ways of
     counting (`latched mean`), `method` of the interval; `did_not_last`: latched successes that did not last,
-    `last_left`: those of which the last placed object left its goal; `diverged`.
+    `last_left`: those of which the last placed object left its goal; `diverged`; `final`: episodes that end in the
+    final state, `unaided`: those of them without a scripted skill in place of a policy.
     """
     import polars as pl
 
@@ -282,6 +278,8 @@ def success_table(episodes: pl.DataFrame, stages: pl.DataFrame, placements: pl.D
             did_not_last=(pl.col("outcome") == DID_NOT_LAST).sum().cast(pl.Int64),
             last_left=(pl.col("last_left").fill_null(False) & pl.col("success")).sum().cast(pl.Int64),
             diverged=pl.col("diverged").sum().cast(pl.Int64),
+            final=pl.col("final").sum().cast(pl.Int64),
+            unaided=(pl.col("final") & (pl.col("scripted") == 0)).sum().cast(pl.Int64),
         )
     )
     for counting in COUNTINGS:
@@ -359,23 +357,6 @@ def kind_table(placements: pl.DataFrame) -> pl.DataFrame:
         failures=(~pl.col("stabilizing")).sum().cast(pl.Int64),
     )
     return counted.with_columns(rate=pl.col("failures") / pl.col("placements")).sort(*GROUP, "kind", "cylinder")
-
-
-def shape_table(kinds: pl.DataFrame) -> pl.DataFrame:
-    """Return placements of cylinders and of other objects (thesis, figure 2-5), from those by kind.
-
-    Beside counts and rates, what share of all placements they are, and what share of those that did not stay: a share
-    of failures alone would not say whether cylinders fail more often or are only placed more often.
-    """
-    import polars as pl
-
-    counted = kinds.group_by(*GROUP, "cylinder").agg(pl.col("placements", "failures").sum()).sort(*GROUP, "cylinder")
-    whole = pl.col("failures").sum().over(GROUP)
-    return counted.with_columns(
-        rate=pl.col("failures") / pl.col("placements"),
-        of_placements=pl.col("placements") / pl.col("placements").sum().over(GROUP),
-        of_failures=pl.when(whole > 0).then(pl.col("failures") / whole),
-    )
 
 
 def paired_difference(

@@ -1,7 +1,8 @@
-"""Execute task plans over many episodes at once, open loop: the next skill begins whether or not the last succeeded.
+"""Execute episodes, many at once: a planner chooses the skills one by one (`perdure.home.tasks.planners`).
 
-As in TP+SRL: a skill ends by its own stop rule or at its step limit. After a place, open or close that timed out the
-hand is opened by force. The episode ends with the plan or at the task's step limit. Then the simulation runs on for a
+As in TP+SRL a skill ends by its own stop rule or at its step limit. After a place, open or close that timed out the
+hand is opened by force. The episode ends with the plan or at the task's step
+limit. Then the simulation runs on for a
 settling time in which the robot stands still, so that the log shows which objects stay at their goals.
 """
 
@@ -9,23 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import SkillAgent
+from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
-from perdure.home.sim.sensors import PrivilegedState, norm
+from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
 from perdure.home.sim.simulator import ACTION_SIZE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
+from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
+APART = 0.3
+"""Smallest distance in [m] between where two attempts begin, if the region is large enough (our choice)."""
 OVERTIME = 150
 """Steps that a release strategy may take beyond the step limit of place."""
 
@@ -43,9 +49,12 @@ class ExecutorOptions:
     scene: SceneOptions = field(default_factory=SceneOptions)
     settle_steps: int = SETTLE_STEPS
     """Control steps of the settling time, 1 or more."""
+    planner: PlannerName = "open"
+    """"open": the task's plan, whatever happens. "closed": it is planned again after each skill."""
 
     def __post_init__(self) -> None:
-        """Refuse too few lanes, threads or settling steps, a low physics rate, and a choice of targets."""
+        """Refuse an unknown planner, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
+        lookup(PLANNERS, self.planner, "planner")
         least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
             if value is not None and value < low:
@@ -56,12 +65,13 @@ class ExecutorOptions:
 
 @dataclass
 class Recorder:
-    """Collects the state of one episode; the columns of a step are kept as one row."""
+    """Collects the state of one episode."""
 
     episode: Episode
     ended: list[SkillRun] = field(default_factory=list)
     """Skills that have ended, without force and reach."""
-    rows: list[FloatArray] = field(default_factory=list)
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+    """Of each step: the columns of a `History`, facts first."""
     diverged: bool = False
     """Whether the simulation diverged; nothing after that counts."""
 
@@ -98,32 +108,10 @@ class Recorder:
         )
 
     def _history(self, length: int) -> History:
-        targets = len(self.episode.goals)
-        shapes = ((targets, 3), (), (), (), (3,), (3,), (targets,), (targets,), ())
-        ends = np.cumsum([np.prod(shape, dtype=np.int64) for shape in shapes])
-        columns = np.split(np.array(self.rows[:length]), ends[:-1], axis=1)
-        objects, held, drawer, fridge, base, gripper, up, speed, force = (
-            each.reshape(len(each), *shape) for each, shape in zip(columns, shapes, strict=True)
-        )
-        facts = WorldFacts(objects, self.episode.goal_positions, held.astype(np.int64), drawer, fridge)
+        rows = zip(*self.rows[:length], strict=True)
+        objects, held, doors, up, speed, gripper, base, force = map(np.array, rows)
+        facts = WorldFacts(objects, self.episode.goal_positions, held, *doors.T)
         return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
-
-
-def record_rows(
-    world: VectorSimulator, lanes: IntArray, state: PrivilegedState, targets: int, doors: Sequence[tuple[int, int]]
-) -> FloatArray:
-    """Return one row of a `Recorder` for each lane after a control step. Shape (lanes, width).
-
-    `state` is that of these lanes, `targets` the task's number of targets, `doors` the `door_links` of each lane.
-    """
-    poses, velocities = world.objects(lanes, targets)
-    up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
-    speed = np.sqrt((velocities**2).sum(axis=2))
-    columns = (
-        *(poses[:, :, :3], held_target(state, targets), door_positions(world, lanes, doors)),
-        *(state.base, state.gripper, up, speed, state.contact_force),
-    )
-    return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1, dtype=np.float64)
 
 
 def final_objects(world: VectorSimulator, lane: int) -> tuple[FinalObject, ...]:
@@ -172,25 +160,26 @@ class Running:
     """An episode while it runs in a lane."""
 
     episode: Episode
-    plan: tuple[SkillStep, ...]
+    planner: Planner
     recorder: Recorder
     doors: tuple[int, int]
     """Numbers of the task's drawer (-1 for none) and of the fridge's upper door among the scene's links."""
+    current: SkillStep | None = None
+    """The running skill, None in the settling time."""
     step: int = 0
     began: int = 0
     """Step at which the current skill began."""
-    settling: int | None = None
-    """Steps of the settling time so far, None before it."""
+    settling: int = 0
+    """Steps of the settling time so far."""
+    stood: dict[tuple[str, int], list[FloatArray]] = field(default_factory=dict)
+    """Where the attempts of each skill and target began, x and y in [m]."""
 
-    @property
-    def begun(self) -> int:
-        """Number of steps of the plan that have begun."""
-        return len(self.recorder.ended) + (self.settling is None)
-
-    @property
-    def current(self) -> SkillStep | None:
-        """The running step of the plan, None in the settling time."""
-        return self.plan[self.begun - 1] if self.settling is None else None
+    def facts(self, world: VectorSimulator, lane: int) -> WorldFacts:
+        """Return the facts of now."""
+        lanes, targets = np.array([lane]), len(self.episode.goals)
+        objects, held = world.objects(lanes, targets)[0][0, :, :3], held_target(world.sense(lanes), targets)[0]
+        doors = door_positions(world, lanes, [self.doors])[0]
+        return WorldFacts(objects, self.episode.goal_positions, held, *doors)
 
 
 StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
@@ -224,16 +213,20 @@ class Executor:
         Raises:
             PerdureError: If skills and agents have different names.
         """
-        self._skills, self._agents = dict(skills), dict(agents)
+        self._skills = dict(skills)
         self._options = options or ExecutorOptions()
         self._named: dict[str, str | int] = {
             "strategy": strategy,
             "train_seed": train_seed,
             "eval_seed": self._options.eval_seed,
         }
-        missing = self._skills.keys() ^ self._agents.keys()
+        missing = skills.keys() ^ agents.keys()
         if missing:
             raise PerdureError(f"skills and agents must have the same names; {', '.join(sorted(missing))} do not")
+        oracle = Oracle()
+        self._agents = {
+            (name, scripted): oracle if scripted else agents[name] for name in skills for scripted in (False, True)
+        }
 
     def run(self, episodes: Sequence[Episode], observe: StepObserver | None = None) -> Iterator[EpisodeLog]:
         """Yield the log of each episode as soon as it has ended, so not always in order."""
@@ -251,7 +244,7 @@ class Executor:
                 if observe is not None:
                     observe(world, running)
                 for lane, each in sorted(running.items()):
-                    if (each.settling is None or each.settling < options.settle_steps) and not each.recorder.diverged:
+                    if each.settling < options.settle_steps and not each.recorder.diverged:
                         continue
                     yield each.recorder.log(each.step, final_objects(world, lane), **self._named)
                     del running[lane]
@@ -264,16 +257,19 @@ class Executor:
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        return Running(episode, episode.home_task.skills, Recorder(episode), door_links(episode, scene))
+        planner = PLANNERS[self._options.planner](episode)
+        each = Running(episode, planner, Recorder(episode), door_links(episode, scene))
+        each.current = planner.next(each.facts(world, lane))
+        return each
 
     def _begin_skills(self, world: VectorSimulator, lanes: Sequence[int], running: Mapping[int, Running]) -> None:
         """Begin the next skill of these lanes' plans; all of them run and have one."""
         for lane in lanes:
             each = running[lane]
             assert each.current is not None
-            world.assign(lane, make_skill_goal(each.episode, each.current, world.simulator(lane)))
+            world.assign(lane, self._skill_goal(world, lane, each, each.current))
             each.began = each.step
-        for name, group in self._groups(lanes, running).items():
+        for (name, scripted), group in self._groups(lanes, running).items():
             if name not in self._skills:
                 raise PerdureError(f"the plan needs {name}, but only {', '.join(self._skills)} are given")
             skill = self._skills[name]
@@ -282,7 +278,21 @@ class Executor:
                 self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
             self._progress = self._progress.put(group, fresh)
             for lane in group.tolist():
-                self._agents[name].begin(world, lane, skill)
+                self._agents[name, scripted].begin(world, lane, skill)
+
+    @staticmethod
+    def _skill_goal(world: VectorSimulator, lane: int, each: Running, step: SkillStep) -> SkillGoal:
+        """Return the goal of a step; a navigation to a further attempt ends away from where the earlier ones began."""
+        episode = each.planner.seen(each.facts(world, lane), step)
+        goal = make_skill_goal(episode, step, world.simulator(lane))
+        stood = each.stood.setdefault((step.toward or step.skill, step.target), [])
+        if step.toward is None:
+            stood.append(world.sense(np.array([lane])).base[0, :2].copy())
+        elif stood and goal.route is not None:
+            cells = np.flatnonzero(goal.route.values == 0.0)
+            away = np.linalg.norm(goal.route.space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
+            goal = replace(goal, route=goal.route.space.distances(cells[away >= min(APART, away.max())]))
+        return goal
 
     def _step(self, world: VectorSimulator, running: Mapping[int, Running]) -> None:
         actions = np.zeros((world.num_lanes, ACTION_SIZE))
@@ -296,11 +306,11 @@ class Executor:
         scan_reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
         for name in groups:
             if self._agents[name].needs_scan:
-                skill = self._skills[name]
+                skill = self._skills[name[0]]
                 scan_reach[rows[name]], neighbors[rows[name]] = skill.scan_reach, skill.needs_neighbors
         known = world.sense(lanes, scan_reach, neighbors)
         for name, group in groups.items():
-            skill, agent, state = self._skills[name], self._agents[name], known[rows[name]]
+            skill, agent, state = self._skills[name[0]], self._agents[name], known[rows[name]]
             assert self._progress is not None
             acted = agent.act(world, group, skill, state, self._progress[group])
             actions[group] = skill.mask(acted, state)
@@ -311,20 +321,25 @@ class Executor:
         for name, group in groups.items():
             self._end_skills(world, name, group, after[rows[name]], running)
 
-    def _groups(self, lanes: Sequence[int], running: Mapping[int, Running]) -> dict[str, IntArray]:
-        """Return the lanes at each skill; lanes in their settling time are in no group."""
-        groups: dict[str, list[int]] = {}
+    def _groups(self, lanes: Sequence[int], running: Mapping[int, Running]) -> dict[tuple[str, bool], IntArray]:
+        """Return the lanes at each skill, scripted or not; lanes in their settling time are in no group."""
+        groups: dict[tuple[str, bool], list[int]] = {}
         for lane in lanes:
             step = running[lane].current
             if step is not None:
-                groups.setdefault(step.skill, []).append(lane)
+                groups.setdefault((step.skill, step.scripted), []).append(lane)
         return {name: np.array(group) for name, group in groups.items()}
 
     def _end_skills(
-        self, world: VectorSimulator, name: str, group: IntArray, state: PrivilegedState, running: Mapping[int, Running]
+        self,
+        world: VectorSimulator,
+        name: tuple[str, bool],
+        group: IntArray,
+        state: PrivilegedState,
+        running: Mapping[int, Running],
     ) -> None:
         """End skills that stop or run out of time, and begin the next ones."""
-        skill = self._skills[name]
+        skill = self._skills[name[0]]
         assert self._progress is not None
         progress = skill.advance(self._progress[group], state)
         self._progress = self._progress.put(group, progress)
@@ -341,34 +356,34 @@ class Executor:
             if stopped or out_of_time or at_limit:
                 ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
                 forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
-                if self._end_skill(world, lane, each, (ending, bool(success[row]), forced), at_limit):
+                if forced:
+                    world.simulator(lane).release()
+                step, succeeded = each.current, bool(success[row])
+                assert step is not None
+                what = (step.skill, step.target, step.attempt, step.toward or "", step.scripted)
+                each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
+                each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
+                if each.current is not None:
                     going_on.append(lane)
         if going_on:
             self._begin_skills(world, going_on, running)
 
     @staticmethod
-    def _end_skill(
-        world: VectorSimulator, lane: int, each: Running, how: tuple[Ending, bool, bool], at_limit: bool
-    ) -> bool:
-        """Record how a lane's skill ended, and return whether the plan goes on."""
-        step, ended = each.current, each.recorder.ended
-        assert step is not None
-        if how[2]:
-            world.simulator(lane).release()
-        ended.append(SkillRun(len(ended), step.skill, step.target, each.began, each.step, *how))
-        if at_limit or len(ended) == len(each.plan):
-            each.settling = 0
-        return each.settling is None
-
-    @staticmethod
     def _record(
         world: VectorSimulator, lanes: IntArray, running: Mapping[int, Running], state: PrivilegedState
     ) -> None:
+        """Add a row to the recorder of each lane after a control step; `state` is that of these lanes."""
         everyone = [running[lane] for lane in lanes.tolist()]
-        doors = [each.doors for each in everyone]
-        table = record_rows(world, lanes, state, len(everyone[0].episode.goals), doors)
-        for each, row, diverged in zip(everyone, table, state.diverged.tolist(), strict=True):
-            if each.settling is None:
+        targets, doors = len(everyone[0].episode.goals), [each.doors for each in everyone]
+        poses, velocities = world.objects(lanes, targets)
+        up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
+        speed = np.sqrt((velocities**2).sum(axis=2))
+        columns = (
+            *(poses[:, :, :3], held_target(state, targets), door_positions(world, lanes, doors)),
+            *(up, speed, state.gripper, state.base, state.contact_force),
+        )
+        for each, row, diverged in zip(everyone, zip(*columns, strict=True), state.diverged.tolist(), strict=True):
+            if each.current is not None:
                 each.step += 1
             else:
                 each.settling += 1

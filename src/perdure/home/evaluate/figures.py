@@ -12,6 +12,7 @@ from perdure.home.evaluate.comparison import (
     MEASURES,
     WORDS,
     View,
+    by_shape,
     describe_kind,
     describe_outcome,
     describe_stage,
@@ -162,8 +163,8 @@ def mode_figure(view: View, counting: Counting) -> Figure | None:
     labels = mode_labels(view, counting)
     if not labels:
         return None
-    task = get_task(view.task)
-    names = [f"{describe_stage(task.stage(stage), unmet=True)}: {cause}" for stage, cause in labels]
+    stages = {stage.name: describe_stage(stage, unmet=True) for stage in get_task(view.task).stages}
+    names = [f"{stages[stage]}: {cause}" for stage, cause in labels]
     forces = [view.rows("episodes", strategy)["force"] for strategy in view.strategies]
     silent = [label for label, force in zip(view.labels, forces, strict=True) if not force.is_finite().any()]
     return Figure(
@@ -226,10 +227,10 @@ def shape_figure(view: View) -> Figure | None:
     """Return the share of cylinders among placements and among those that did not stay; None without cylinders."""
     names, shares, texts = list[str](), list[float](), list[str]()
     for strategy, label, _ in view.shown:
-        table = view.rows("shapes", strategy)
-        if table["cylinder"].any():
-            for column, what in (("placements", "placed"), ("failures", "did not stay")):
-                total, cylinders = int(table[column].sum()), int(table.filter("cylinder")[column].item())
+        shapes = by_shape(view, strategy)
+        if shapes[0][0]:
+            for cylinders, others, what in zip(*shapes, ("placed", "did not stay"), strict=True):
+                total = cylinders + others
                 names.append(f"{label}: {what} (n = {total})")
                 shares.append(cylinders / total if total else 0.0)
                 texts.append(_part(cylinders, total))

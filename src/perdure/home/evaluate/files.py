@@ -28,7 +28,7 @@ from perdure.schema import Items, Kind, Parquet, Table, Text, Whole, read_json
 if TYPE_CHECKING:
     import polars as pl
 
-SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "3"
+SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "4"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
 _RESERVED = (*FORMAT, "sha256")
 NOTES = Table({}, others=Text(100_000, lines=True))

@@ -75,11 +75,13 @@ class Target:
 
 @dataclass(frozen=True)
 class SkillRun:
-    """One skill of the plan, as it was executed."""
+    """One skill, as it was executed."""
 
-    number: Annotated[int, Column("position in the plan, from 0", Whole(0, 10_000))]
     skill: Annotated[str, Column("name of the skill", _NAME)]
     target: Annotated[int, Column("number of its target", _TARGET)]
+    attempt: Annotated[int, Column("attempt, from 1; of the next skill for navigate", Whole(1, 10_000))]
+    toward: Annotated[str, Column("for navigate: the skill that follows; else empty", Text(200))]
+    scripted: Annotated[bool, Column("whether the scripted skill stood in for the policy", _FLAG)]
     begin: Annotated[int, Column("control steps of the episode before it", _STEP)]
     end: Annotated[int, Column("control steps of the episode at its end", _STEP)]
     ending: Annotated[Ending, Column('"stopped", "timed out" or "task limit"', Choice(ENDINGS))]
@@ -252,15 +254,6 @@ class EpisodeLog:
         """The task it belongs to."""
         return get_task(self.task)
 
-    @property
-    def active(self) -> IntArray:
-        """Number of the plan's step that acted at each step; the plan's length while settling. Shape (length,)."""
-        active = np.zeros(self.length, dtype=np.int64)
-        for run in self.runs:
-            active[run.begin : run.end], active[run.end :] = run.number, run.number + 1
-        active[self.steps :] = len(self.home_task.skills)
-        return active
-
     @cached_property
     def _event_steps(self) -> IntArray:
         return np.array([event.step for event in self.events])
@@ -269,9 +262,13 @@ class EpisodeLog:
         """Return the state at a step."""
         return self.events[int(np.searchsorted(self._event_steps, step, side="right")) - 1]
 
+    def run_at(self, step: int) -> SkillRun | None:
+        """Return the skill that acted at a step, None if none did."""
+        return next((run for run in self.runs if run.begin <= step < run.end), None)
+
     def run(self, skill: str, target: int) -> SkillRun | None:
-        """Return the first run of a skill (or of any whose name begins so) for a target, None if it never ended."""
-        return next((r for r in self.runs if r.skill.startswith(skill) and r.target == target), None)
+        """Return the last run of a skill (or of any whose name begins so) for a target, None if it never ended."""
+        return next((r for r in reversed(self.runs) if r.skill.startswith(skill) and r.target == target), None)
 
 
 def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:

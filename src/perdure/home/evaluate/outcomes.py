@@ -15,12 +15,12 @@ part, so the check also finds pairs that it wrongly left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache, wraps
-from itertools import combinations
-from typing import Any, Literal, TypeVar, get_args
-from weakref import WeakKeyDictionary
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from itertools import accumulate, combinations
+from operator import and_
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -33,11 +33,11 @@ from perdure.home.tasks.tasks import (
     AT,
     DRAWER_OPEN,
     FRIDGE_OPENED,
+    NOTHING,
     SOMETHING_ELSE,
     Predicate,
     WorldFacts,
-    goal_stabilizing,
-    stabilizing_stages,
+    at,
 )
 
 Counting = Literal["latched", "stabilizing"]
@@ -83,26 +83,15 @@ REST_SECONDS, REST_MOVE = 0.5, 0.005
 NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
 """The robot is near when the gripper point is within 0.25 m of the object's middle (hand and half the largest object),
 or the base's middle within 0.5 m of it in the plane (base and half the largest object), our choice."""
+FINAL_SECONDS = 5.0
+"""The final state must last so long."""
 NEVER = -1
 """In place of a step that never came."""
 _OUTSIDE = 1.0
 """Distance from the goal in [m] in the facts of an object that an event reports outside its goal."""
 
 
-_Counted = TypeVar("_Counted")
-
-
-def _once(count: Callable[[EpisodeLog], _Counted]) -> Callable[[EpisodeLog], _Counted]:
-    """Return a cached version of a function of a log; the cache lives as long as the log."""
-    known: WeakKeyDictionary[EpisodeLog, _Counted] = WeakKeyDictionary()
-
-    @wraps(count)
-    def counted(log: EpisodeLog) -> _Counted:
-        if log not in known:
-            known[log] = count(log)
-        return known[log]
-
-    return counted
+_once = lru_cache(maxsize=4096)
 
 
 def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
@@ -147,14 +136,13 @@ def latched(log: EpisodeLog) -> tuple[bool, ...]:
 
 
 def handled(log: EpisodeLog, target: int) -> tuple[int, int] | None:
-    """Step in which the plan handles a target, (first, one past the last): from its pick to the end of its place.
+    """Step in which the plan handles a target, (first, one past the last): from its first pick to its last place.
 
-    None when its pick never began; when its place never began, the rest of the episode.
+    None when its pick never ended; when no place ended after the last pick, the rest of the episode.
     """
-    pick, place = log.run("pick", target), log.run("place", target)
-    if pick is None:
-        return None
-    return pick.begin, log.steps if place is None else place.end
+    runs = [run for run in log.runs if run.target == target and run.skill.startswith(("pick", "place"))]
+    picks = [run.begin for run in runs if run.skill.startswith("pick")]
+    return (picks[0], runs[-1].end if runs[-1].skill.startswith("place") else log.steps) if picks else None
 
 
 @_once
@@ -163,19 +151,25 @@ def stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
     if log.diverged:
         return (False,) * len(log.targets)
     steps, facts = moments(log)
-    handling = np.zeros((len(steps), len(log.targets)), dtype=bool)
-    for target in range(len(log.targets)):
-        span = handled(log, target)
-        if span is not None:
-            handling[:, target] = (steps >= span[0]) & (steps < span[1])
-    return tuple(map(bool, goal_stabilizing(facts, handling, settle_steps=1)))
+    stays = at(facts) & (facts.held[:, None] != np.arange(len(log.targets)))
+    spans = [handled(log, target) for target in range(len(log.targets))]
+    return tuple(span is not None and bool(stays[steps >= span[1], k].all()) for k, span in enumerate(spans))
 
 
 @_once
 def stages_stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
     """Return which stages count when every placement up to them must be goal-stabilizing."""
-    counted = stabilizing_stages(log.home_task, np.array(latched(log)), np.array(stabilizing(log)))
-    return tuple(map(bool, counted))
+    stages = zip(log.home_task.stages, latched(log), strict=True)
+    counts = (reached and (stage.placed is None or stabilizing(log)[stage.placed]) for stage, reached in stages)
+    return tuple(accumulate(counts, and_))
+
+
+@_once
+def final_state(log: EpisodeLog) -> bool:
+    """Return whether in every step of the last five seconds all targets are in their goals and the hand is empty."""
+    since = max(0, log.length - round(FINAL_SECONDS * log.control_hz))
+    states = [log.at(since), *(event for event in log.events if event.step > since)]
+    return not log.diverged and all(all(each.in_goal) and each.held == NOTHING for each in states)
 
 
 def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
@@ -274,7 +268,7 @@ def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
         if _robot_near(release, rested, left):
             return "displaced by the robot"
         return "tipped" if _fell_over(log, release, rested, left) else "rolled"
-    run = next((r for r in log.runs if r.begin <= release.step < r.end), None)
+    run = log.run_at(release.step)
     if run is not None and run.forced_release and release.step == run.end - 1:
         return "time-out"
     if run is not None and run.force > COLLISION_FORCE:
@@ -379,6 +373,8 @@ class Label:
     cause: FailureCause
     target: int
     """Number of the object: the one that is not in its goal, else that of the stage."""
+    condition: Predicate | None = field(default=None, compare=False)
+    """What is blamed, `at(k)` for a placement; None when the skill never ended."""
 
 
 def label(log: EpisodeLog, counting: Counting) -> Label | None:
@@ -393,7 +389,7 @@ def label(log: EpisodeLog, counting: Counting) -> Label | None:
     target = int(stage.name.partition("_")[2])
     if condition is not None and condition.name == "at" and condition.target is not None:
         target = condition.target
-    return Label(stage.name, failure_cause(log, number, condition), target)
+    return Label(stage.name, failure_cause(log, number, condition), target, condition)
 
 
 def outcome(log: EpisodeLog) -> str:
@@ -425,12 +421,6 @@ class Overlap:
     second: int
     depth: float
     """How far one is inside the other in [m]."""
-
-    @property
-    def line(self) -> str:
-        """For a terminal: the episode, the objects and the depth."""
-        first, second = (f"{self.log.final_objects[k].kind} ({k})" for k in (self.first, self.second))
-        return f"{self.log.name}: {first} and {second}, {1000 * self.depth:.1f} mm"
 
 
 def find_overlaps(

@@ -17,7 +17,7 @@ from perdure.home.evaluate.files import HAND_OVERS, POLICIES, read_log_file, rea
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.report import page as document
 from perdure.report.charts import Format, save, unique
-from perdure.runs import Store, write_atomic
+from perdure.runs import write_atomic
 from perdure.schema import printable
 
 if TYPE_CHECKING:
@@ -56,9 +56,7 @@ class LogNotes:
 
 
 def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog], LogNotes]:
-    """Return the logs of files and their notes; policies also from the store's record beside a file.
-
-    Files of another simulator record no policies.
+    """Return the logs of files and their notes. Files of another simulator record no policies.
 
     Raises:
         PerdureError: A file holds no logs, see `read_log_file`, a note is no JSON object, or two files hold the same
@@ -74,24 +72,12 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
                 raise PerdureError(f"{other} and {path} both hold {record.name}; leave one of the two files out")
         records += read
         commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
-        acting = read_note(notes, "policies", POLICIES)
-        acting = _policies_in_store(Path(path)) if acting is None else acting
+        acting = read_note(notes, "policies", POLICIES) or {}
         counts = read_note(notes, "hand_overs", HAND_OVERS) or {}
         for group in dict.fromkeys((record.task, record.split, record.strategy) for record in read):
             policies |= {(*group, printable(skill), printable(name)): None for skill, name in acting.items()}
             hand_overs.update({(*group, printable(outcome)): count for outcome, count in counts.items()})
     return records, LogNotes(tuple(policies), tuple(commands), hand_overs)
-
-
-def _policies_in_store(path: Path) -> dict[str, str]:
-    """Return the policies in the store's record of a unit; nothing where there is none."""
-    folder = path.resolve().parent
-    try:
-        policies = Store(folder.parent).config(folder.name).get("policies", {})
-        POLICIES.check(policies)
-    except PerdureError:
-        return {}
-    return {skill: name if name == "oracle" else f"learned, SHA-256 {name[:8]}" for skill, name in policies.items()}
 
 
 def summary_text(analysis: Analysis, notes: LogNotes | None = None) -> str:

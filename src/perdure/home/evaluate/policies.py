@@ -14,6 +14,7 @@ from perdure.home.agents.release import STRATEGIES, make_strategy
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.skills import SKILLS, get_skill
+from perdure.home.tasks.planners import PlannerName, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.policy import Policy, files, load_policy
 from perdure.runs import file_digest
@@ -21,7 +22,7 @@ from perdure.runs import file_digest
 SHIPPED = files.SHIPPED / "home"
 """Policies that come with the package: TASK/POLICY/seed-K.safetensors, POLICY: the skill or `ReleaseChoice.policy`."""
 ORACLE = "oracle"
-LEARNED_ON: Mapping[str, str] = {"navigate": "set_table"}
+LEARNED_ON: Mapping[str, str] = dict.fromkeys(("navigate", "open_drawer", "open_fridge"), "set_table")
 """Skills trained on one task for all tasks: they do not depend on the task."""
 
 
@@ -118,9 +119,13 @@ def shipped_seeds(task: str, policy: str) -> dict[int, Path]:
 
 
 def choose_policies(
-    task: str, train_seed: int, chosen: Mapping[str, str] | None = None, release: ReleaseChoice | None = None
+    task: str,
+    train_seed: int,
+    chosen: Mapping[str, str] | None = None,
+    release: ReleaseChoice | None = None,
+    planner: PlannerName = "open",
 ) -> dict[SkillName, SkillPolicy]:
-    """Return the policy of each skill of a task.
+    """Return the policy of each skill that a planner may choose in a task.
 
     Args:
         task: Name of the task.
@@ -129,6 +134,7 @@ def choose_policies(
             stands for it. UNTRAINED where no skill is learned.
         chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
         release: The release choice, which decides the place policy; the benchmark's when None.
+        planner: The planner.
 
     Raises:
         PerdureError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is
@@ -140,7 +146,7 @@ def choose_policies(
     unknown = chosen.keys() - SKILLS.keys()
     if unknown:
         raise PerdureError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
-    learned = [each for each in dict.fromkeys(step.skill for step in get_task(task).skills) if each != "reset_arm"]
+    learned = [each for each in needed_skills(get_task(task), planner) if each != "reset_arm"]
     unused = [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]
     if unused:
         why = "reset_arm is scripted" if unused[0] == "reset_arm" else f"{task} never uses {unused[0]}"
@@ -153,16 +159,11 @@ def choose_policies(
             policy = release.policy if skill == "place" else skill
             seeds = shipped_seeds(task, policy)
             path = list(seeds.values())[train_seed] if 0 <= train_seed < len(seeds) else None
-            if path is None and seeds and train_seed != UNTRAINED:
+            if path is None and ((seeds and train_seed != UNTRAINED) or policy not in ("place", skill)):
                 raise PerdureError(
                     f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
                     f"{len(seeds)}): train one (perdure home train {skill} --task {task} --seeds "
                     f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
-                )
-            if path is None and skill == "place" and release.policy != "place":
-                raise PerdureError(
-                    f"no policy is shipped for {release.name} on {task} (training seed {train_seed}): "
-                    f"train one (perdure home train place) and name it: --policies place=FILE"
                 )
         else:
             path = None if named == ORACLE else Path(named.replace("{seed}", str(train_seed)))

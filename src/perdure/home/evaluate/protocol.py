@@ -13,7 +13,7 @@ from typing import Any, Literal, Self, get_args
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.files import read_logs, write_logs
+from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.policies import (
     ORACLE,
@@ -26,6 +26,7 @@ from perdure.home.evaluate.policies import (
 from perdure.home.sim.scene import SceneOptions, WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.planners import needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.runs import Observer, Store, Unit, Work, run_missing, versions
 
@@ -73,8 +74,9 @@ class EvaluationProtocol:
 
     @property
     def name(self) -> str:
-        """How logs call it: `place`, then what is unusual in the world, such as `rl drag 240-hz`."""
-        return " ".join((self.place, *self.options.scene.words))
+        """How logs call it: `place`, what is unusual in the world, and `closed` for this planner: `rl drag closed`."""
+        planner = self.options.planner
+        return " ".join((self.place, *self.options.scene.words, *([] if planner == "open" else [planner])))
 
     @property
     def folder(self) -> str:
@@ -83,16 +85,18 @@ class EvaluationProtocol:
 
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
-        everyone = choose_policies(self.task, 0 if self.vary == "place" else train_seed, self.policies, self.release)
+        release, planner = self.release, self.options.planner
+        seed = 0 if self.vary == "place" else train_seed
+        everyone = choose_policies(self.task, seed, self.policies, release, planner)
         if self.vary == "place" and train_seed > 0:
             others: dict[str, str] = {skill: ORACLE for skill in everyone if skill != "place"}
-            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, self.release)
+            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, release, planner)
             everyone["place"] = alone["place"]
         return everyone
 
     def skills(self) -> dict[str, Skill]:
-        """Return the skills of the task's plan."""
-        names: set[str] = {step.skill for step in get_task(self.task).skills}
+        """Return the skills that the planner may choose."""
+        names = needed_skills(get_task(self.task), self.options.planner)
         return {name: get_skill(name, **(self.release.options if name == "place" else {})) for name in names}
 
     def to_json(self) -> dict[str, Any]:
@@ -185,8 +189,6 @@ def run_block(
     Raises:
         PerdureError: If a policy file has changed since the unit was made.
     """
-    if _is_written(work.folder / LOGS):
-        return
     options = replace(protocol.options, eval_seed=block.eval_seed, threads=work.threads)
     train_seed = block.train_seed if any(each.learned for each in policies.values()) else UNTRAINED
     agents = make_agents(policies, protocol.release.strategy)
@@ -207,14 +209,6 @@ def run_block(
     write_logs(work.folder / LOGS, logs, notes)
 
 
-def _is_written(path: Path) -> bool:
-    """Return whether an attempt that was interrupted between its last two steps has left its logs."""
-    try:
-        return path.is_file() and bool(read_logs(path))
-    except PerdureError:
-        return False
-
-
 def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
     """Return everything that the logs of a block depend on."""
     scene = protocol.options.scene
@@ -229,6 +223,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
+        **({} if protocol.options.planner == "open" else {"planner": protocol.options.planner}),
         **versions("mujoco"),
     }
 

@@ -23,6 +23,7 @@ from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, lear
 from perdure.home.skills.skill import Skill, SkillProgress, put_rows
 from perdure.home.skills.starts import begin, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
+from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
 from perdure.schema import Choice, Flag, Items, Kind, Maybe, Text, Whole
 
@@ -137,9 +138,9 @@ def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
 
 def targets_of(skill: str, task: HomeTask) -> tuple[int, ...]:
     """Return the targets for which a task's plan uses a skill; all targets for a skill that no task uses."""
-    if not any(step.skill == skill for each in TASKS.values() for step in each.skills):
+    if not any(step.skill == skill for each in TASKS.values() for step in make_plan(each)):
         return tuple(range(len(task.targets)))
-    return tuple(sorted({step.target for step in task.skills if step.skill == skill}))
+    return tuple(sorted({step.target for step in make_plan(task) if step.skill == skill}))
 
 
 def check_kinds(kinds: Mapping[str, Kind], values: Mapping[str, object]) -> None:

@@ -25,6 +25,7 @@ from perdure.home.skills.registry import get_skill
 from perdure.home.skills.skill import Recipe, Skill, SkillProgress
 from perdure.home.skills.starts import Aim, Start, is_drawer, needed_container, region, stand_anywhere
 from perdure.home.tasks.episodes import Episode
+from perdure.home.tasks.planning import make_plan
 
 NEAR, FACING = 0.1, 0.25
 """Largest path length to the region in [m] and heading error in [rad] on arrival (M3)."""
@@ -123,7 +124,7 @@ class Navigate(Skill):
 
         The object is in the hand if it is placed next (M3, `nav_v1*`).
         """
-        plan = episode.home_task.skills
+        plan = make_plan(episode.home_task)
         times = [k for k, step in enumerate(plan) if step.skill == self.name and step.target == target]
         time = times[int(rng.integers(len(times)))]
         following, opened = self._following(plan[time].toward), opened_before(episode, time)
@@ -141,7 +142,7 @@ class Navigate(Skill):
 def opened_before(episode: Episode, time: int) -> dict[str, float]:
     """Return what is open when a step of the plan begins, by link name, if all skills before it succeeded."""
     opened = dict(episode.opened)
-    for step in episode.home_task.skills[:time]:
+    for step in make_plan(episode.home_task)[:time]:
         skill = get_skill(step.skill)
         if not isinstance(skill, Articulated):
             continue

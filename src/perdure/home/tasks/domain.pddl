@@ -63,7 +63,7 @@
 
   (:action open_fridge
     :parameters (?t - target ?f - fridge)
-    :precondition (and (turn ?t) (robot_at ?f) (in ?t ?f) (closed ?f) (hand_empty))
+    :precondition (and (turn ?t) (robot_at ?f) (concerns ?f ?t) (closed ?f) (hand_empty))
     :effect (and (not (closed ?f)) (open ?f) (not (robot_at ?f)) (robot_at elsewhere)))
 
   (:action close_fridge

@@ -211,19 +211,15 @@ class Surfaces:
             yaw = 2.0 * math.pi * turn
             x, y, height = self.apartment.surface_to_room(receptacle, offset)
             shape = self.footprint(kind, float(x), float(y), yaw)
-            if self._is_taken(shape, receptacle) or not (anywhere or self._is_near(x, y)):
+            others = self.taken.get(receptacle.unique_name, [])
+            if others and occupancy.overlap(shape[None], np.stack(others), GAP).any():
+                continue
+            if not anywhere and self.space.nearest(np.array([[x, y]]))[1][0] >= NAVIGABLE_WITHIN:
                 continue
             position = (round(float(x), 4), round(float(y), 4), round(float(height) - low[2] + lift, 4))
             quaternion = (round(math.cos(yaw / 2), 5), 0.0, 0.0, round(math.sin(yaw / 2), 5))
             return Placement(kind, position, quaternion, receptacle.unique_name)
         return None
-
-    def _is_taken(self, shape: FloatArray, receptacle: Receptacle) -> bool:
-        others = self.taken.get(receptacle.unique_name, [])
-        return bool(others) and bool(occupancy.overlap(shape[None], np.stack(others), GAP).any())
-
-    def _is_near(self, x: float, y: float) -> bool:
-        return bool(self.space.nearest(np.array([[x, y]]))[1][0] < NAVIGABLE_WITHIN)
 
 
 SECONDS = 5.0

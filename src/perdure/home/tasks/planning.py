@@ -1,6 +1,6 @@
-"""Plans of a task or an episode: its planning problem in PDDL, and a shortest plan by breadth-first search.
+"""Plans: a planning problem in PDDL, and a shortest plan by breadth-first search.
 
-The planner reads the `:strips` and `:typing` part of PDDL (McDermott et al., 1998). The benchmark's problems have a few
+The search reads the `:strips` and `:typing` part of PDDL (McDermott et al., 1998). The benchmark's problems have a few
 hundred ground actions, so nothing more is needed. Their shortest plans are unique (the tests count them), so it does
 not matter in which order the search looks at actions.
 """
@@ -11,8 +11,9 @@ import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from importlib.resources import files
-from itertools import product
+from itertools import pairwise, product
 from typing import Any, Literal
 
 from perdure.errors import PerdureError
@@ -25,6 +26,8 @@ from perdure.home.tasks.tasks import (
     DRAWER_OPEN,
     FRIDGE_CLOSED,
     FRIDGE_OPENED,
+    NOTHING,
+    SOMETHING_ELSE,
     HomeTask,
     SkillStep,
     get_task,
@@ -32,87 +35,38 @@ from perdure.home.tasks.tasks import (
 )
 
 
+@lru_cache(maxsize=256)
 def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
     """Return the shortest sequence of skills that solves a task or an episode, `reset_arm` after each.
-
-    The form is that of `HomeTask.skills`.
 
     Raises:
         PerdureError: If the task cannot be solved, or cannot be put as a planning problem (see `plan_problem`).
     """
+    home_task = get_task(task) if isinstance(task, str) else task.home_task if isinstance(task, Episode) else task
+    if home_task.sequence:
+        return home_task.sequence
     problem = plan_problem(task)
-    actions = read_strips(domain_pddl(), problem.pddl).shortest_plan()
+    actions = solve(problem)
     if actions is None:
-        raise PerdureError(
-            f"no plan solves {problem.name}: no sequence of its skills ends with {' '.join(problem.final)}; "
-            "doors are opened only for a target behind them"
-        )
-    skills = [(name, int(target.removeprefix("target_"))) for name, target, *_ in actions]
-    return with_resets(*(step for step in skills if step[0] != _NO_SKILL))
+        raise PerdureError(f"no plan solves {problem.name}: no sequence of skills ends with {' '.join(problem.final)}")
+    return with_resets(*((action.skill, action.target) for action in actions))
 
 
-_NO_SKILL = "next_target"
+@lru_cache(maxsize=4096)
+def solve(problem: PlanProblem) -> tuple[Action, ...] | None:
+    """Return the skills of a shortest plan, None when there is no plan."""
+    actions = read_strips(domain_pddl(), problem.pddl).shortest_plan()
+    return None if actions is None else tuple(each for each in actions if each.skill != "next_target")
 
 
+@cache
 def domain_pddl() -> str:
     """Return the planning domain as PDDL text: predicates and actions shared by all tasks."""
     return files(__package__).joinpath("domain.pddl").read_text(encoding="utf-8")
 
 
-def print_plan(task: HomeTask | Episode | str, limits: Mapping[str, int] | None = None) -> None:
-    """Print the plan of a task or an episode as a table; arguments as of `render_plan`."""
-    plan = make_plan(task)
-    total = f", their limits together {sum(limits[step.skill] for step in plan)}" if limits else ""
-    print(f"{plan_problem(task).name}: {len(plan)} steps{total}\n")
-    print(render_plan(plan, task, limits))
-
-
-def render_plan(
-    plan: tuple[SkillStep, ...], task: HomeTask | Episode | str | None = None, limits: Mapping[str, int] | None = None
-) -> str:
-    """Return a plan as a table: number, skill, target, where it happens, step limit.
-
-    Args:
-        plan: The steps.
-        task: The task or episode of the plan, for the names of containers; an episode determines the drawer, too.
-        limits: Step limit by skill. Without it there is no such column.
-    """
-    starts: tuple[Container | None, ...] = () if task is None else plan_problem(task).starts
-    rows = [["", "skill", "target", "where", *(["limit"] if limits else [])]]
-    for number, step in enumerate(plan, 1):
-        limit = [str(limits[step.skill])] if limits else []
-        rows.append([str(number), step.skill, str(step.target), _where(step, starts), *limit])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    rows.insert(1, ["-" * width for width in widths])
-    columns = list(zip("><><>", widths, strict=False))  # numbers to the right, words to the left
-    return "\n".join(
-        "  ".join(f"{cell:{side}{width}}" for cell, (side, width) in zip(row, columns, strict=True)) for row in rows
-    )
-
-
-def _where(step: SkillStep, starts: tuple[Container | None, ...]) -> str:
-    """Return the place of a step, for `navigate` its destination."""
-    if step.skill == "reset_arm":
-        return ""
-    skill = step.toward or step.skill
-    container = starts[step.target] if step.target < len(starts) else None
-    if skill == "place":
-        where = f"goal of target {step.target}"
-    elif skill == "pick":
-        where = f"target {step.target}" + (f" in {_name(container)}" if container else "")
-    else:
-        kind = skill.partition("_")[2]
-        where = f"handle of {_name(container) if container and container.kind == kind else f'the {kind}'}"
-    return f"to {where}" if step.skill == "navigate" else where
-
-
-def _name(container: Container) -> str:
-    exact = container.kind == "drawer" and not container.name.startswith("some_")
-    return container.name if exact else f"the {container.kind}"
-
-
 Kind = Literal["drawer", "fridge"]
-_SWITCHES: dict[Kind, tuple[float, float]] = {
+SWITCHES: dict[Kind, tuple[float, float]] = {
     "drawer": (DRAWER_CLOSED, DRAWER_OPEN),
     "fridge": (FRIDGE_CLOSED, FRIDGE_OPENED),
 }
@@ -141,6 +95,14 @@ class PlanProblem:
     """Container of each target's goal."""
     final: tuple[str, ...]
     """The goal, as facts of the domain."""
+    inside: tuple[Container | None, ...]
+    """Container of each target now."""
+    placed: frozenset[int] = frozenset()
+    """Targets at their goals."""
+    held: int = NOTHING
+    """Number of the target in the hand, NOTHING or SOMETHING_ELSE. Its turn is the first."""
+    robot_at: str = "elsewhere"
+    """The landmark where the robot stands; `elsewhere` for none."""
 
     @property
     def containers(self) -> tuple[Container, ...]:
@@ -152,14 +114,18 @@ class PlanProblem:
     def pddl(self) -> str:
         """The problem as PDDL text."""
         count = len(self.starts)
+        order = sorted(range(count), key=lambda i: i != self.held)
+        hand = {NOTHING: ["(hand_empty)"], SOMETHING_ELSE: []}.get(self.held, [f"(holding target_{self.held})"])
         objects = [f"target_{i} - target goal_{i} - goal" for i in range(count)]
         objects += [f"{c.name} - {c.kind}" for c in self.containers]
-        facts = ["(robot_at elsewhere)", "(hand_empty)", "(open in_the_open)", "(turn target_0)"]
-        facts += [f"(next target_{i} target_{i + 1})" for i in range(count - 1)]
+        facts = [f"(robot_at {self.robot_at})", *hand, "(open in_the_open)", f"(turn target_{order[0]})"]
+        facts += [f"(next target_{i} target_{k})" for i, k in pairwise(order)]
+        facts += [f"(at_goal target_{i})" for i in sorted(self.placed)]
         facts += [f"({'open' if c.is_open else 'closed'} {c.name})" for c in self.containers]
         for i, (start, end) in enumerate(zip(self.starts, self.ends, strict=True)):
-            inside, where = ("in_the_open" if each is None else each.name for each in (start, end))
-            facts += [f"(in target_{i} {inside})", f"(goal_of goal_{i} target_{i} {where})"]
+            inside, where = ("in_the_open" if each is None else each.name for each in (self.inside[i], end))
+            facts += [f"(in target_{i} {inside})"] if i != self.held else []
+            facts.append(f"(goal_of goal_{i} target_{i} {where})")
             landmarks = [f"target_{i}", f"goal_{i}", *dict.fromkeys(c.name for c in (start, end) if c is not None)]
             facts += [f"(concerns {landmark} target_{i})" for landmark in landmarks]
         name = re.sub(r"\W", "_", f"plan {self.name}", flags=re.ASCII)
@@ -189,7 +155,7 @@ def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
     inside = [tuple(_container(apartment, names, opened, name) for names in side) for side in (starts, ends)]
     if sum(container is not None and container.name == _SOME_DRAWER for side in inside for container in side) > 1:
         raise PerdureError(f"several targets of {name} are in one drawer or another: ask for the plan of an episode")
-    return PlanProblem(name, inside[0], inside[1], _final(home_task, (*inside[0], *inside[1])))
+    return PlanProblem(name, inside[0], inside[1], _final(home_task, (*inside[0], *inside[1])), inside[0])
 
 
 def _receptacles(placements: Iterable[Placement]) -> list[tuple[str, ...]]:
@@ -221,7 +187,7 @@ def _kind(link: str | None) -> Kind | None:
 
 
 def _is_open(link: str, position: float, name: str) -> bool:
-    closed, opened = _SWITCHES[_kind(link) or "drawer"]
+    closed, opened = SWITCHES[_kind(link) or "drawer"]
     if closed < position < opened:
         raise PerdureError(
             f"{link} of {name} stands at {position:g}, neither closed (up to {closed:g}) nor open (from {opened:g} "
@@ -254,12 +220,22 @@ State = frozenset[Fact]
 
 @dataclass(frozen=True)
 class Action:
-    """A ground action."""
+    """A ground action: a skill, or `next_target`."""
 
     name: Fact
     needs: State
     adds: State
     deletes: State
+
+    @property
+    def skill(self) -> str:
+        """Its name alone."""
+        return self.name[0]
+
+    @property
+    def target(self) -> int:
+        """Number of the target it is about."""
+        return int(self.name[1].removeprefix("target_"))
 
 
 @dataclass(frozen=True)
@@ -270,23 +246,23 @@ class Strips:
     goal: State
     actions: tuple[Action, ...]
 
-    def shortest_plan(self) -> list[Fact] | None:
-        """Return the names of the actions of a shortest plan, None when there is no plan."""
-        came: dict[State, tuple[State, Fact] | None] = {self.start: None}
+    def shortest_plan(self) -> list[Action] | None:
+        """Return the actions of a shortest plan, None when there is no plan."""
+        came: dict[State, tuple[State, Action] | None] = {self.start: None}
         waiting = deque([self.start])
         while waiting:
             state = waiting.popleft()
             if self.goal <= state:
-                names = []
+                actions = []
                 while (step := came[state]) is not None:
-                    state, name = step
-                    names.append(name)
-                return names[::-1]
+                    state, action = step
+                    actions.append(action)
+                return actions[::-1]
             for action in self.actions:
                 if action.needs <= state:
                     reached = (state - action.deletes) | action.adds
                     if reached not in came:
-                        came[reached] = state, action.name
+                        came[reached] = state, action
                         waiting.append(reached)
         return None
 

@@ -25,7 +25,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,10 @@ class SkillStep:
     """Number of the target it is about."""
     toward: SkillName | None = None
     """For `navigate`: the skill that follows, which decides where to go."""
+    attempt: int = 1
+    """Number of the attempt, from 1; of the skill that follows for `navigate`."""
+    scripted: bool = False
+    """Whether the scripted skill stands in for the policy."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ class TargetRule:
     goal: PlacementRule
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HomeTask:
     """A task of the Home Assistant Benchmark."""
 
@@ -95,12 +100,9 @@ class HomeTask:
     """Joint positions of doors at the start by link name; everything else is closed."""
     max_steps: int
     """Control steps an episode of the benchmark lasts."""
-    skills: tuple[SkillStep, ...]
     stages: tuple[Stage, ...]
-
-    def stage(self, name: str) -> Stage:
-        """Return the stage of that name."""
-        return lookup({stage.name: stage for stage in self.stages}, name, f"stage of {self.name}")
+    sequence: tuple[SkillStep, ...] = ()
+    """Skills in place of the planner's."""
 
 
 NOTHING = -1
@@ -126,36 +128,19 @@ class WorldFacts:
 
     def __post_init__(self) -> None:
         """Raise PerdureError for shapes that do not match."""
-        lead = np.shape(self.held)
-        targets = np.shape(self.object_positions)[-2:]
-        sizes = {
-            "object_positions": (np.shape(self.object_positions), lead + targets),
-            "drawer": (np.shape(self.drawer), lead),
-            "fridge": (np.shape(self.fridge), lead),
-        }
-        for name, (found, wanted) in sizes.items():
-            if found != wanted:
-                raise PerdureError(f"{name} has shape {found}; with held of shape {lead} it must be {wanted}")
-        if targets[-1:] != (3,) or np.shape(self.goal_positions) not in (targets, lead + targets):
-            raise PerdureError(
-                f"goal_positions has shape {np.shape(self.goal_positions)}; it must be {targets} or {lead + targets}"
-            )
+        shapes = {each.name: np.shape(getattr(self, each.name)) for each in fields(self)}
+        lead, targets = shapes["held"], shapes["object_positions"][-2:]
+        for name, wanted in {"object_positions": lead + targets, "drawer": lead, "fridge": lead}.items():
+            if shapes[name] != wanted:
+                raise PerdureError(f"{name} has shape {shapes[name]}; with held of shape {lead} it must be {wanted}")
+        goals = shapes["goal_positions"]
+        if targets[-1:] != (3,) or goals not in (targets, lead + targets):
+            raise PerdureError(f"goal_positions has shape {goals}; it must be {targets} or {lead + targets}")
 
     @property
     def targets(self) -> int:
         """Number of target objects."""
         return int(np.shape(self.object_positions)[-2])
-
-    def __getitem__(self, index: int | slice) -> WorldFacts:
-        """The facts at one index (or a slice) of the first leading axis."""
-        per_lane = np.ndim(self.goal_positions) == np.ndim(self.object_positions)
-        return WorldFacts(
-            self.object_positions[index],
-            self.goal_positions[index] if per_lane and np.ndim(self.held) else self.goal_positions,
-            self.held[index],
-            self.drawer[index],
-            self.fridge[index],
-        )
 
     def __len__(self) -> int:
         """Length of the first leading axis."""
@@ -173,19 +158,16 @@ def at(facts: WorldFacts) -> BoolArray:
     return np.asarray(np.linalg.norm(facts.object_positions - facts.goal_positions, axis=-1) <= AT)
 
 
-_ABOUT_A_TARGET: dict[str, Callable[[WorldFacts, int], BoolArray]] = {
+PREDICATES: dict[str, Callable[[WorldFacts, Any], BoolArray]] = {
     "at": lambda facts, i: at(facts)[..., i],
     "holding": lambda facts, i: np.asarray(facts.held == i),
+    "not_holding": lambda facts, _: np.asarray(facts.held == NOTHING),
+    "opened_drawer": lambda facts, _: np.asarray(facts.drawer >= DRAWER_OPEN),
+    "closed_drawer": lambda facts, _: np.asarray(facts.drawer <= DRAWER_CLOSED),
+    "opened_fridge": lambda facts, _: np.asarray(facts.fridge >= FRIDGE_OPENED),
+    "closed_fridge": lambda facts, _: np.asarray(facts.fridge <= FRIDGE_CLOSED),
 }
-_ABOUT_THE_WORLD: dict[str, Callable[[WorldFacts], BoolArray]] = {
-    "not_holding": lambda facts: np.asarray(facts.held == NOTHING),
-    "opened_drawer": lambda facts: np.asarray(facts.drawer >= DRAWER_OPEN),
-    "closed_drawer": lambda facts: np.asarray(facts.drawer <= DRAWER_CLOSED),
-    "opened_fridge": lambda facts: np.asarray(facts.fridge >= FRIDGE_OPENED),
-    "closed_fridge": lambda facts: np.asarray(facts.fridge <= FRIDGE_CLOSED),
-}
-PREDICATES = (*_ABOUT_A_TARGET, *_ABOUT_THE_WORLD)
-"""Names of all conditions."""
+"""All conditions; the first two are about a target."""
 
 
 @dataclass(frozen=True)
@@ -200,23 +182,18 @@ class Predicate:
 
     def holds(self, facts: WorldFacts) -> BoolArray:
         """Return where the condition is met. Shape (*)."""
-        if self.target is None:
-            return _ABOUT_THE_WORLD[self.name](facts)
-        if self.target >= facts.targets:
+        if self.target is not None and self.target >= facts.targets:
             raise PerdureError(f"{self} is about a target that is not there: the facts know {facts.targets} targets")
-        return _ABOUT_A_TARGET[self.name](facts, self.target)
+        return PREDICATES[self.name](facts, self.target)
 
 
 def predicate(text: str) -> Predicate:
     """Read a condition such as `at(1)` or `not_holding()`; anything else raises PerdureError."""
-    match = re.fullmatch(r"(\w+)\((\d*)\)", text)
-    name, number = match.groups() if match else (text, "")
-    if name in _ABOUT_A_TARGET and number:
-        return Predicate(name, int(number))
-    if name in _ABOUT_THE_WORLD and match and not number:
-        return Predicate(name)
-    valid = [f"{n}(i)" for n in _ABOUT_A_TARGET] + [f"{n}()" for n in _ABOUT_THE_WORLD]
-    raise PerdureError(f"no condition reads {text!r}; there are {', '.join(valid)}")
+    valid = [f"{name}(i)" if name in ("at", "holding") else f"{name}()" for name in PREDICATES]
+    if "(i)" in text or re.sub(r"\(\d+\)", "(i)", text) not in valid:
+        raise PerdureError(f"no condition reads {text!r}; there are {', '.join(valid)}")
+    name, _, number = text.removesuffix(")").partition("(")
+    return Predicate(name, int(number) if number else None)
 
 
 def make_stages(conditions: Mapping[str, Iterable[str]]) -> tuple[Stage, ...]:
@@ -234,12 +211,6 @@ def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
         steps.append(SkillStep(skill, target, skills[k + 1][0] if skill == "navigate" else None))
         steps.append(SkillStep("reset_arm", target))
     return tuple(steps)
-
-
-def pick_and_place_skills(targets: int) -> tuple[SkillStep, ...]:
-    """Navigate, pick, navigate, place for each target in turn, as in TidyHouse and PrepareGroceries."""
-    order = ("navigate", "pick", "navigate", "place")
-    return with_resets(*((skill, target) for target in range(targets) for skill in order))
 
 
 def pick_and_place_stages(targets: int) -> tuple[Stage, ...]:
@@ -291,7 +262,6 @@ PREPARE_GROCERIES = HomeTask(
     clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (1, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
     opened={"top_door": 2.356},
     max_steps=4000,
-    skills=pick_and_place_skills(3),
     stages=pick_and_place_stages(3),
 )
 """M3: 3 targets and 22 other objects, the fridge stands open at 2.356 rad, 4000 steps, stages pick_0 to place_2."""
@@ -306,23 +276,6 @@ SET_TABLE = HomeTask(
     clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (2, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
     opened={},
     max_steps=4500,
-    skills=with_resets(
-        ("navigate", 0),
-        ("open_drawer", 0),
-        ("pick", 0),  # straight after the drawer is open, without navigating
-        ("navigate", 0),
-        ("place", 0),
-        ("navigate", 0),
-        ("close_drawer", 0),
-        ("navigate", 1),
-        ("open_fridge", 1),
-        ("navigate", 1),
-        ("pick", 1),
-        ("navigate", 1),
-        ("place", 1),
-        ("navigate", 1),
-        ("close_fridge", 1),
-    ),
     stages=make_stages(
         {
             "open_0": ["opened_drawer()"],
@@ -344,7 +297,6 @@ TIDY_HOUSE = HomeTask(
     clutter=((20, _ANYWHERE),),
     opened={},
     max_steps=5000,
-    skills=pick_and_place_skills(5),
     stages=pick_and_place_stages(5),
 )
 """M3: 25 objects of which 5 are targets, nothing is opened, 5000 steps, stages pick_0, place_0, ..., place_4."""
@@ -359,54 +311,3 @@ def get_task(name: str) -> HomeTask:
 
 SETTLE_STEPS = 150
 """Control steps the world goes on after an episode: 5 s, the time the benchmark's generator gives objects to settle."""
-
-
-def latch(task: HomeTask, reached: BoolArray, facts: WorldFacts) -> BoolArray:
-    """Return which stages are reached after one more step, in latched counting. Shape (*, stages).
-
-    `reached` are those before this step, shape (*, stages); `facts` have leading axes *. Stages are looked at in order;
-    the first one that is neither reached nor met ends the look, so one step may reach several stages but never leave
-    one out.
-    """
-    met = np.stack([stage.met(facts) for stage in task.stages], axis=-1)
-    return np.logical_and.accumulate(reached | met, axis=-1)
-
-
-def goal_stabilizing(facts: WorldFacts, handling: BoolArray, settle_steps: int = SETTLE_STEPS) -> BoolArray:
-    """Goal-stabilizing counting over a whole episode and the settling time after it.
-
-    Args:
-        facts: The facts of all steps, steps first: leading axes (steps, *).
-        handling: Which objects the plan handles at each step, nothing in the settling time: from the start of the
-            object's pick to the end of its place. Shape (steps, *, targets).
-        settle_steps: How many steps at the end must be free of handling.
-
-    Returns:
-        Which placements are goal-stabilizing. Shape (*, targets).
-    """
-    if len(handling) != len(facts):
-        raise PerdureError(f"handling has {len(handling)} steps, the facts have {len(facts)}")
-    if len(facts) < settle_steps or handling[len(facts) - settle_steps :].any():
-        raise PerdureError(f"the last {settle_steps} steps must be a settling time in which the plan handles nothing")
-    over = ~np.logical_or.accumulate(handling[::-1], axis=0)[::-1]  # the plan has handled it for the last time
-    held = np.asarray(facts.held)[..., None] == np.arange(facts.targets)
-    stays = (~over | (at(facts) & ~held)).all(axis=0)
-    return np.asarray(stays & over[-1] & handling.any(axis=0))
-
-
-def stabilizing_stages(task: HomeTask, reached: BoolArray, stabilizing: BoolArray) -> BoolArray:
-    """Return the stages of an episode by goal-stabilizing counting.
-
-    Args:
-        task: The task.
-        reached: Stages by latched counting at the end. Shape (*, stages).
-        stabilizing: Which placements are goal-stabilizing. Shape (*, targets).
-
-    Returns:
-        A stage counts when it was reached and every placement up to it is goal-stabilizing. Shape (*, stages).
-    """
-    kept = np.ones_like(reached)
-    for k, stage in enumerate(task.stages):
-        if stage.placed is not None:
-            kept[..., k:] &= stabilizing[..., stage.placed, None]
-    return reached & kept

@@ -12,11 +12,12 @@ from perdure.home.sim.kinematics import gripper_pose
 from perdure.home.sim.robot import TORSO_HEIGHT
 from perdure.home.skills import get_skill
 from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.planning import make_plan
 
 
 def solve(task, split, numbers, lanes=2):
     episodes = load_episodes(task, split)
-    names = {step.skill for step in episodes[0].home_task.skills}
+    names = {step.skill for step in make_plan(episodes[0].home_task)}
     oracle = Oracle()
     agents = {name: Scripted() if name == "reset_arm" else oracle for name in names}
     executor = Executor({name: get_skill(name) for name in names}, agents, ExecutorOptions(lanes=lanes))

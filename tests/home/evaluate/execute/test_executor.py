@@ -14,7 +14,8 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.simulator import ACTION_SIZE, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.tasks import TASKS, latch
+from perdure.home.tasks.planning import make_plan
+from perdure.home.tasks.tasks import TASKS
 
 
 class Idle:
@@ -57,7 +58,7 @@ def idle(set_table):
 
 def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table, idle):
     log = idle
-    plan = set_table[5].home_task.skills
+    plan = make_plan(set_table[5].home_task)
     assert log.runs[-1].ending == "task limit"
     for done, step in zip(log.runs[:-1], plan, strict=False):
         assert (done.skill, done.target) == (step.skill, step.target)
@@ -69,14 +70,16 @@ def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table, idle):
 
 def test_an_episode_ends_at_the_limit_of_its_task(set_table, idle):
     assert idle.steps == set_table[5].home_task.max_steps
-    assert len(idle.active) == idle.steps + 5
+    assert idle.length == idle.steps + 5
+    assert idle.run_at(idle.steps) is None
+    assert idle.run_at(idle.steps - 1) == idle.runs[-1]
 
 
 def test_what_is_written_down_agrees_with_the_tasks_own_counting(solved):
-    task = solved.home_task
-    reached = np.zeros(len(task.stages), dtype=bool)
-    for step in range(solved.steps):
-        reached = latch(task, reached, solved.history.facts[step])
+    met = np.stack([stage.met(solved.history.facts) for stage in solved.home_task.stages], axis=-1)
+    reached = np.zeros(met.shape[1], dtype=bool)
+    for now in met[: solved.steps]:
+        reached = np.logical_and.accumulate(reached | now)
     assert tuple(reached) == latched(solved)
     assert all(latched(solved))
     assert all(stabilizing(solved))
@@ -138,9 +141,9 @@ class Holding(Idle):
 
 def until_placed(episode, monkeypatch):
     """The episode, whose plan ends when the first object is placed."""
-    plan = episode.home_task.skills
+    plan = make_plan(episode.home_task)
     first = next(k for k, step in enumerate(plan) if step.skill == "place")
-    monkeypatch.setitem(TASKS, "half", replace(episode.home_task, name="half", skills=plan[: first + 1]))
+    monkeypatch.setitem(TASKS, "half", replace(episode.home_task, name="half", sequence=plan[: first + 1]))
     return replace(episode, task="half")
 
 
@@ -159,3 +162,31 @@ def test_a_hand_that_never_opens_is_opened_by_force_at_the_time_limit_or_after_t
     assert held[run.end + 1] != run.target
     (release,) = (each for each in log.releases if each.target == run.target)
     assert release.step == run.end - 1
+
+
+class EnoughError(Exception):
+    """The pick has been seen."""
+
+
+def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
+    """A pick that never grasps is tried three times, from different places, and then by the oracle, which succeeds."""
+    skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()
+    agents = {name: Scripted() if name == "reset_arm" else oracle for name in SKILLS} | {"pick": Idle()}
+    picks, ends = [], []
+
+    def observe(world, running):
+        each = running[0]
+        step = each.current
+        if step.skill == "pick" and (not picks or picks[-1][0] != step.attempt):
+            picks.append((step.attempt, step.scripted))
+        if step.skill == "place":
+            ends.append(each.stood["pick", 0])
+            raise EnoughError
+
+    executor = Executor(skills, agents, ExecutorOptions(lanes=1, threads=1, planner="closed"))
+    with pytest.raises(EnoughError):
+        list(executor.run([load_episodes("tidy_house", "val")[0]], observe))
+    assert picks == [(1, False), (2, False), (3, False), (4, True)]
+    stood = np.array(ends[0])
+    apart = np.linalg.norm(stood[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
+    assert apart.min() > 0.2  # the cells are 0.3 m apart; the robot stops within 0.1 m of one

@@ -1,6 +1,7 @@
 """Episodes written step by step: the logs an executor would make, without a simulator."""
 
 import math
+from collections import Counter
 from contextlib import contextmanager
 from functools import cache
 
@@ -9,6 +10,7 @@ import numpy as np
 from perdure.home.evaluate.execute import Recorder
 from perdure.home.evaluate.log import FinalObject, SkillRun
 from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import NOTHING
 
 AWAY = np.array([-5.0, -5.0, 1.0])
@@ -26,7 +28,8 @@ class Story:
 
     def __init__(self, task="prepare_groceries", index=0, eval_seed=0):
         self.episode, self.eval_seed = episodes(task)[index], eval_seed
-        self.plan = [(step.skill, step.target) for step in self.episode.home_task.skills]
+        self.plan = [(step.skill, step.target) for step in make_plan(self.episode.home_task)]
+        self.attempts = Counter()
         self.goals = self.episode.goal_positions
         targets = len(self.goals)
         self.objects = np.array([placement.position for placement in self.episode.objects[:targets]])
@@ -34,7 +37,7 @@ class Story:
         self.held, self.drawer = NOTHING, 0.0
         self.fridge = float(self.episode.opened.get("top_door", 0.0))
         self.gripper, self.base = AWAY.copy(), np.array([-5.5, -5.0, 0.0])
-        self.force, self.active, self.diverged = 0.0, 0, False
+        self.force, self.diverged = 0.0, False
         self.rows, self.runs = [], []
 
     def wait(self, steps=1, speed=None):
@@ -48,11 +51,10 @@ class Story:
                     "held": self.held,
                     "drawer": self.drawer,
                     "fridge": self.fridge,
-                    "active": self.active,
-                    "base": self.base.copy(),
-                    "gripper": self.gripper.copy(),
                     "up": self.up.copy(),
                     "speed": moved if speed is None else np.full(len(moved), speed),
+                    "gripper": self.gripper.copy(),
+                    "base": self.base.copy(),
                     "force": self.force,
                 }
             )
@@ -60,14 +62,17 @@ class Story:
 
     @contextmanager
     def run(self, skill, target, ending="stopped", forced=False, force=0.0):
-        number, begin = self.plan.index((skill, target)), len(self.rows)
-        self.active, self.force = number, force
+        begin, self.force = len(self.rows), force
         yield
         self.force = 0.0
-        self.runs.append(SkillRun(number, skill, target, begin, len(self.rows), ending, True, forced))
-        self.active = number + 1
+        self.ended(skill, target, begin, ending, True, forced)
         if forced:
             self.held = NOTHING
+
+    def ended(self, skill, target, begin, *how):
+        self.attempts[skill, target] += 1
+        attempt = self.attempts[skill, target]
+        self.runs.append(SkillRun(skill, target, attempt, "", False, begin, len(self.rows), *how))
 
     def slide(self, target, by, steps, tilt=0.0, gripper=None):
         """Moves an object evenly and tilts it evenly; the gripper beside it when an offset is given."""
@@ -122,7 +127,7 @@ class Story:
 
     def log(self, settle=150, meanwhile=None):
         """Ends the episode and lets it settle; `meanwhile` is what happens first in the settling time."""
-        steps, self.active = len(self.rows), len(self.plan)
+        steps = len(self.rows)
         if meanwhile is not None:
             meanwhile(self)
         if not self.diverged:
@@ -133,8 +138,9 @@ class Story:
 
     @staticmethod
     def flat(row):
-        """A row as the recorder keeps it; what is active follows from the runs."""
-        return np.concatenate([np.ravel(value) for name, value in row.items() if name != "active"]).astype(np.float64)
+        """A row as the recorder keeps it."""
+        objects, held, drawer, fridge, *others = row.values()
+        return objects, held, np.array([drawer, fridge]), *others
 
 
 def good(index=0, eval_seed=0):
@@ -150,11 +156,11 @@ def random_log(rng, index=0, task="prepare_groceries"):
     last = int(rng.integers(1, len(story.plan) + 1))
     for number, (skill, target) in enumerate(story.plan[:last]):
         forced = bool(skill == "place" and rng.random() < 0.3)
-        story.active, begin = number, len(story.rows)
+        begin = len(story.rows)
         for _ in range(int(rng.integers(1, 4))):
             _anything(story, rng, targets)
         ending = "task limit" if number == last - 1 else "timed out" if forced else "stopped"
-        story.runs.append(SkillRun(number, skill, target, begin, len(story.rows), ending, False, forced))
+        story.ended(skill, target, begin, ending, False, forced)
     if rng.random() < 0.5:  # everything ends in its goal
         story.objects[:], story.held = story.goals, NOTHING
     story.held = story.held if rng.random() < 0.1 else NOTHING

@@ -15,9 +15,9 @@ from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
 import perdure.home.evaluate.log as history
 from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import analyze
-from perdure.home.evaluate.outcomes import COUNTINGS, FAILURE_CAUSES, label, latched, stabilizing
+from perdure.home.evaluate.comparison import by_shape, make_views
+from perdure.home.evaluate.outcomes import COUNTINGS, FAILURE_CAUSES, final_state, label, latched, stabilizing
 from perdure.home.evaluate.page import summary_text
-from perdure.home.tasks.tasks import latch
 
 seeds = st.integers(0, 2**32 - 1)
 TASKS = ("prepare_groceries", "tidy_house", "set_table")
@@ -25,14 +25,12 @@ TASKS = ("prepare_groceries", "tidy_house", "set_table")
 
 def brute_force(log):
     """Goal-stabilizing as the thesis writes it, step by step."""
-    plan = [(step.skill, step.target) for step in log.home_task.skills]
     counts = []
     for target, goal in enumerate(log.history.facts.goal_positions):
-        handled = [
-            step
-            for step in range(len(log.history.facts))
-            if plan.index(("pick", target)) <= log.active[step] <= plan.index(("place", target))
-        ]
+        mine = [run for run in log.runs if run.target == target and run.skill in ("pick", "place")]
+        placed = bool(mine) and mine[-1].skill == "place"
+        begin, end = (mine[0].begin, mine[-1].end if placed else log.steps) if mine else (0, 0)
+        handled = range(begin, end) if mine and mine[0].skill == "pick" else ()
         counts.append(
             bool(handled)
             and all(
@@ -106,9 +104,10 @@ def test_steps_left_out_of_tracks_change_no_label(seed, task):
 @given(seeds, st.sampled_from(TASKS))
 def test_stages_counted_from_events_are_those_of_every_step(seed, task):
     log = random_log(np.random.default_rng(seed), task=task)
-    reached = np.zeros(len(log.home_task.stages), dtype=bool)
-    for step in range(log.steps):
-        reached = latch(log.home_task, reached, log.history.facts[step])
+    met = np.stack([stage.met(log.history.facts) for stage in log.home_task.stages], axis=-1)
+    reached = np.zeros(met.shape[1], dtype=bool)
+    for now in met[: log.steps]:
+        reached = np.logical_and.accumulate(reached | now)
     assert latched(log) == tuple(reached)
 
 
@@ -246,12 +245,9 @@ def test_cylinders_are_counted_beside_their_share_of_placements():
         logs.append(story.log())
         cylinders += can
         failures += can
-    table = analyze(logs).shapes
+    (view,) = make_views(vars(analyze(logs)))
     assert 0 < sum(cylinders) < 12
-    row = table.filter(cylinder=True).row(0, named=True)
-    assert (row["placements"], row["failures"], row["rate"]) == (sum(cylinders), sum(failures), 1.0)
-    assert (row["of_placements"], row["of_failures"]) == (sum(cylinders) / 12, 1.0)
-    assert table.filter(cylinder=False)["rate"].to_list() == [0.0]
+    assert by_shape(view, "story") == ((sum(cylinders), sum(failures)), (12 - sum(cylinders), 0))
 
 
 def test_kinds_hold_counts_and_rates_that_add_up(ten):
@@ -268,3 +264,29 @@ def test_the_summary_holds_what_the_tables_hold(ten):
 
 def test_latched_from_a_record_is_the_benchmarks():
     assert latched(placed_and_gone().log()) == (True, True, False, False, False, False)
+
+
+def out_and_back(story):
+    story.slide(0, OUT, 1).slide(0, tuple(-each for each in OUT), 1)
+
+
+def repaired(again=True):
+    """Object 0 leaves its goal while object 1 is handled; it is picked and placed again, well or not."""
+    story = Story().go(0).pick(1).slide(0, OUT, 10).place(1)
+    return (story.go(0) if again else story.pick(0).place(0, beside=0.3)).rest([2]).log()
+
+
+def test_a_repaired_placement_counts_and_a_bad_repair_does_not():
+    assert stabilizing(repaired()) == (True, True, True)
+    assert final_state(repaired())
+    assert stabilizing(repaired(again=False)) == (False, True, True)
+    assert not final_state(repaired(again=False))
+    assert repaired().run("place", 0).attempt == 2
+
+
+def test_the_final_state_is_that_of_the_last_five_seconds():
+    assert final_state(good())
+    late = Story().rest(range(3)).log(settle=200, meanwhile=out_and_back)
+    assert final_state(late), "198 steps after the object has come back"
+    assert not final_state(Story().rest(range(3)).log(meanwhile=gone_in_the_end))
+    assert not final_state(Story().rest(range(2)).pick(2).log())

@@ -182,7 +182,7 @@ def put(*steps_and_value):
 
 OUT_OF_RANGE = {
     "null skill": ("runs", put(0, "skill", None), "skill"),
-    "negative number of a run": ("runs", put(0, "number", -1), "number"),
+    "attempt 0 of a run": ("runs", put(0, "attempt", 0), "attempt"),
     "target that is not there": ("runs", put(0, "target", -1), "target"),
     "nan in a track": ("releases", put(0, "track", "x", 1, float("nan")), "track"),
     "null in a track": ("releases", put(0, "track", "up", 0, None), "track"),
@@ -255,7 +255,7 @@ def test_files_of_another_schema_version_or_shape_are_refused(path):
     frame = pl.read_parquet(path)
     for notes, table, sentence in (
         ({"schema": "perdure.extrapolation"}, frame, "not one of the schema"),
-        ({"version": "2"}, frame, "reads version 3"),
+        ({"version": "2"}, frame, "reads version 4"),
         ({}, frame.drop("runs"), "runs"),
         ({}, frame.with_columns(pl.lit(1).alias("extra")), "extra"),
         ({}, pl.concat([frame, frame]), "twice"),

@@ -60,6 +60,6 @@ def test_only_objects_at_rest_and_out_of_the_hand_are_listed(change, listed):
     found = list(find_overlaps([wrong]))
     assert [(each.first, each.second) for each in found] == ([(0, 1)] if listed else [])
     if listed:
-        assert found[0].line.startswith(record.name)
+        assert found[0].log is wrong
         assert not list(find_overlaps([replace(wrong, diverged=True)]))
         assert not list(find_overlaps([wrong], deeper_than=found[0].depth + 1e-6))

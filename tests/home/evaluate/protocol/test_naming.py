@@ -6,6 +6,7 @@ from typing import get_args
 import pytest
 
 from perdure.errors import PerdureError
+from perdure.home.evaluate.comparison import describe
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.objects import AppleShape
@@ -30,6 +31,16 @@ def test_every_strategy_and_world_has_a_name_of_its_own():
 def test_the_usual_world_has_no_name():
     assert name("ik", visuals=True) == "ik"
     assert name("ik", apple="hull", rolling="drag", physics_hz=240) == "ik drag hull-apple 240-hz"
+
+
+def test_a_closed_loop_has_a_name_a_folder_and_words_of_its_own():
+    options = ExecutorOptions(scene=SceneOptions(rolling="drag"), planner="closed")
+    protocol = EvaluationProtocol("prepare_groceries", "ik", options=options)
+    assert (protocol.name, protocol.folder) == ("ik drag closed", "prepare_groceries/val/ik-drag-closed")
+    assert EvaluationProtocol.from_json(protocol.to_json()) == protocol
+    assert describe("ik closed") == "stop, lower 5 cm, planned again after each skill"
+    assert "open_fridge" in protocol.skills()
+    assert protocol.policies_of(0)["open_fridge"].learned
 
 
 @pytest.mark.parametrize(("word", "scene"), [("no-clutter", {"clutter": False}), ("no-sleep", {"sleep": False})])

@@ -9,9 +9,9 @@ from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate import policies
 from perdure.home.evaluate.policies import SHIPPED, SkillPolicy, choose_policies, make_agents, read_release
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
-from perdure.home.tasks.tasks import get_task
+from perdure.home.tasks.planning import make_plan
 
-ORACLES = dict.fromkeys({step.skill for step in get_task("set_table").skills} - {"reset_arm"}, "oracle")
+ORACLES = dict.fromkeys({step.skill for step in make_plan("set_table")} - {"reset_arm"}, "oracle")
 
 
 def test_the_oracle_does_not_stand_in_for_a_policy_trained_to_make_objects_stay(tmp_path):

@@ -21,10 +21,10 @@ from perdure.home.evaluate.protocol import (
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.tasks import get_task
+from perdure.home.tasks.planning import make_plan
 from perdure.runs import Work
 
-LEARNED = {step.skill for step in get_task("set_table").skills} - {"reset_arm"}
+LEARNED = {step.skill for step in make_plan("set_table")} - {"reset_arm"}
 ORACLES = dict.fromkeys(LEARNED, "oracle")
 
 
@@ -108,20 +108,6 @@ def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
 
 def _states(status):
     return {each.state for each in status.values()}
-
-
-def test_logs_that_an_interrupted_attempt_left_are_not_run_again(ran, tmp_path, monkeypatch):
-    (logs,) = ran[1]
-    (unit,) = protocol_units(ONE, "asked by a test")
-    monkeypatch.setattr(Executor, "run", lambda *ignored: pytest.fail("its result is there"))
-    work = tmp_path / "work"
-    work.mkdir()
-    (work / logs.name).write_bytes(logs.read_bytes())
-    run_block(Work(work, 1, print), **unit.arguments)
-    assert (work / logs.name).read_bytes() == logs.read_bytes()
-    (work / logs.name).write_bytes(logs.read_bytes()[:100])  # a copy that broke off
-    with pytest.raises(pytest.fail.Exception, match="its result is there"):
-        run_block(Work(work, 1, print), **unit.arguments)
 
 
 def _say_other_source_made(unit):

@@ -7,13 +7,14 @@ import numpy as np
 from perdure.home.skills import learned_skills
 from perdure.home.skills.environment import HomeSkillVectorEnv
 from perdure.home.skills.starts import put
-from perdure.home.tasks.tasks import TASKS, get_task
+from perdure.home.tasks.planning import make_plan
+from perdure.home.tasks.tasks import TASKS
 
 LESSONS = [
     (skill, task)
     for skill in learned_skills()
     for task in TASKS
-    if any(step.skill == skill for step in get_task(task).skills)
+    if any(step.skill == skill for step in make_plan(task))
 ]
 """Every skill with every task that uses it."""
 

@@ -11,6 +11,7 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS, get_skill, learned_skills, make_skill_goal
 from perdure.home.skills.environment import HomeSkillVectorEnv
 from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
+from perdure.home.tasks.planning import make_plan
 
 STEPS, SCENE = 15, SceneOptions(clutter=False, physics_hz=120)
 
@@ -57,7 +58,7 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
     episode = load_episodes("set_table", "val")[0]
     if name.startswith("close"):  # nothing would be left to do
         episode = replace(episode, opened={episode.container(0): 0.45, "top_door": 2.0})
-    plan = episode.home_task.skills
+    plan = make_plan(episode.home_task)
     before = [step.skill for step in plan].index(name)
     actions = np.zeros((STEPS, 11))
     columns = list(get_skill(name).active_columns)

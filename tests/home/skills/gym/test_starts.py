@@ -15,7 +15,7 @@ from perdure.home.skills import get_skill, learned_skills
 from perdure.home.skills.environment import SkillEnvOptions
 from perdure.home.skills.starts import begin, handle, touching
 from perdure.home.tasks.episodes import episode_scene, load_episodes
-from perdure.home.tasks.tasks import get_task
+from perdure.home.tasks.planning import make_plan
 
 DRAWS = 40
 
@@ -23,7 +23,7 @@ DRAWS = 40
 def draws(skill, task, target=None, count=DRAWS):
     """Draws in several episodes: (episode, target, start)."""
     episodes = load_episodes(task, "val").episodes
-    targets = sorted({step.target for step in get_task(task).skills if step.skill == skill})
+    targets = sorted({step.target for step in make_plan(task) if step.skill == skill})
     rng = np.random.default_rng(0)
     for k in range(count):
         chosen = targets[k % len(targets)] if target is None else target
@@ -39,7 +39,7 @@ def heading_error(base, point):
 @pytest.mark.parametrize(("skill", "task"), LESSONS)
 def test_a_lane_begins_with_the_robot_free_and_the_same_draws_give_the_same_start(skill, task):
     episode = load_episodes(task, "val")[3]
-    target = next(step.target for step in get_task(task).skills if step.skill == skill)
+    target = next(step.target for step in make_plan(task) if step.skill == skill)
     scene = episode_scene(episode, SceneOptions(physics_hz=120, clutter=False, targets=(target,)))
     world = VectorSimulator(2, 1)
     for seed in range(5):
@@ -63,7 +63,7 @@ def begun_lane(skill, episode, target):
 
 @pytest.mark.parametrize(("skill", "task"), LESSONS)
 def test_the_first_observation_has_the_object_where_mujoco_has_it(skill, task):
-    for target in {step.target for step in get_task(task).skills if step.skill == skill}:
+    for target in {step.target for step in make_plan(task) if step.skill == skill}:
         world = begun_lane(skill, load_episodes(task, "val")[3], target)
         np.testing.assert_allclose(world.sense().object[0], world.simulator(0).data.body("object_0").xpos, atol=1e-9)
 

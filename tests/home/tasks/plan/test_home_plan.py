@@ -16,9 +16,7 @@ from perdure.home.tasks.planning import (
     domain_pddl,
     make_plan,
     plan_problem,
-    print_plan,
     read_strips,
-    render_plan,
 )
 from perdure.home.tasks.tasks import (
     COUNTER_LEFT,
@@ -64,13 +62,30 @@ def episode(drawer=DRAWERS[0], opened=None):
 def one_target(start, goal, conditions=("at(0)",), opened=None):
     rule = TargetRule(PlacementRule(PANTRY, (start,)), PlacementRule(PANTRY, (goal,)))
     stages = make_stages({"end": conditions})
-    return replace(TASKS["tidy_house"], name="mine", targets=(rule,), stages=stages, opened=opened or {}, skills=())
+    return replace(TASKS["tidy_house"], name="mine", targets=(rule,), stages=stages, opened=opened or {})
+
+
+SEQUENCES = {
+    "tidy_house": [(skill, target) for target in range(5) for skill in PICK_AND_PLACE],
+    "prepare_groceries": [(skill, target) for target in range(3) for skill in PICK_AND_PLACE],
+    "set_table": [
+        *[("navigate", 0), ("open_drawer", 0), ("pick", 0)],  # straight after the drawer is open, without navigating
+        *[("navigate", 0), ("place", 0), ("navigate", 0), ("close_drawer", 0)],
+        *[("navigate", 1), ("open_fridge", 1), ("navigate", 1), ("pick", 1)],
+        *[("navigate", 1), ("place", 1), ("navigate", 1), ("close_fridge", 1)],
+    ],
+}
+"""M3's sequences (`configs/rearrange/composite/*`), without `reset_arm` after each skill."""
 
 
 @pytest.mark.parametrize("name", TASKS)
 def test_the_plan_is_the_benchmarks_own_sequence(name):
-    assert make_plan(name) == TASKS[name].skills
-    assert make_plan(TASKS[name]) == TASKS[name].skills
+    plan = make_plan(name)
+    assert [(step.skill, step.target) for step in plan[::2]] == SEQUENCES[name]
+    assert {step.skill for step in plan[1::2]} == {"reset_arm"}
+    pairs = zip(plan[:-2:2], plan[2::2], strict=True)
+    assert all(step.toward == (following.skill if step.skill == "navigate" else None) for step, following in pairs)
+    assert make_plan(TASKS[name]) == plan
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -94,7 +109,7 @@ def test_without_the_order_of_targets_every_other_order_is_a_shortest_plan_too(n
     free = [line for line in lines if "(next " not in line]
     free[free.index("    (hand_empty)") : 0] = turns
     length, number, _ = shortest_plans(parse(domain_pddl(), "\n".join(free)))
-    assert (length, number) == (len(skills(TASKS[name].skills)), orders)
+    assert (length, number) == (len(skills(make_plan(TASKS[name]))), orders)
 
 
 def bring_bowl(world, *names):
@@ -150,13 +165,13 @@ def test_an_episode_says_which_drawer_and_plans_what_its_task_does(side, link):
     (drawer,) = (name for name in DRAWERS if f"_{side}_" in name)
     task = plan_problem("set_table").pddl.replace("some_drawer", link)
     assert plan_problem(episode(drawer)).pddl.replace("plan_set_table_val_003", "plan_set_table") == task
-    assert make_plan(episode(drawer)) == TASKS["set_table"].skills
+    assert make_plan(episode(drawer)) == make_plan(TASKS["set_table"])
 
 
 def test_a_drawer_that_stands_open_is_closed_but_not_opened():
     plan = make_plan(episode(opened={"drawer1_top": 0.4}))
     assert skills(plan)[:6] == [*PICK_AND_PLACE, "navigate", "close_drawer"]
-    assert make_plan(episode(opened={"drawer2_top": 0.4})) == TASKS["set_table"].skills
+    assert make_plan(episode(opened={"drawer2_top": 0.4})) == make_plan(TASKS["set_table"])
 
 
 @pytest.mark.parametrize(
@@ -169,7 +184,8 @@ def test_a_door_that_is_neither_open_nor_closed_is_refused(opened, words):
 
 def test_a_task_without_a_plan_is_named_with_what_cannot_be_reached():
     with pytest.raises(PerdureError, match=r"no plan solves mine: .*\(at_goal target_0\)"):
-        make_plan(one_target(COUNTER_LEFT, FRIDGE_MIDDLE))  # nothing is picked there, so nothing is opened
+        make_plan(one_target(COUNTER_LEFT, DRAWERS[0]))  # a drawer is opened for what lies in it
+    assert skills(make_plan(one_target(COUNTER_LEFT, FRIDGE_MIDDLE)))[:2] == ["navigate", "open_fridge"]
     assert skills(make_plan(one_target(COUNTER_LEFT, FRIDGE_MIDDLE, opened=FRIDGE_OPEN))) == PICK_AND_PLACE
     with pytest.raises(PerdureError, match=r"no plan solves mine: .*\(holding target_0\)"):
         make_plan(one_target(COUNTER_LEFT, TABLE_1, ("holding(0)",)))
@@ -203,14 +219,14 @@ def test_tasks_that_cannot_be_put_as_a_problem_are_refused_with_the_reason():
 
 
 def test_any_name_will_do_for_a_task():
-    assert make_plan(replace(TASKS["set_table"], name="2 für (den) Tisch")) == TASKS["set_table"].skills
+    assert make_plan(replace(TASKS["set_table"], name="2 für (den) Tisch")) == make_plan(TASKS["set_table"])
 
 
 @pytest.mark.parametrize("every", [20, pytest.param(1, marks=pytest.mark.verify)])
 def test_every_published_episode_has_the_plan_of_its_task(every):
     for name, task in TASKS.items():
         for split in ("val", "eval"):
-            assert {make_plan(each) for each in load_episodes(name, split).episodes[::every]} == {task.skills}
+            assert {make_plan(each) for each in load_episodes(name, split).episodes[::every]} == {make_plan(task)}
 
 
 @pytest.mark.parametrize(
@@ -245,23 +261,6 @@ def test_planning_starts_no_program(tmp_path):
 def test_the_goal_holds_the_closed_doors_of_tasks_that_close_them_and_no_others():
     assert set(plan_problem("set_table").final) >= {"(closed some_drawer)", "(closed top_door)", "(hand_empty)"}
     assert not any("closed" in fact or "open" in fact for fact in plan_problem("prepare_groceries").final)
-
-
-def test_the_table_has_a_row_for_each_step_in_columns_and_names_an_episodes_drawer(capsys):
-    plan = make_plan("set_table")
-    limits = dict.fromkeys((step.skill for step in plan), 200) | {"navigate": 500, "reset_arm": 50}
-    assert render_plan(plan).splitlines()[0].split() == ["skill", "target", "where"]
-    head, rule, *rows = render_plan(plan, limits=limits).splitlines()
-    assert head.split() == ["skill", "target", "where", "limit"]
-    assert len(rows) == len(plan) == 30
-    assert {len(line) for line in (head, rule, *rows)} == {len(head)}
-    assert rows[0].split() == ["1", "navigate", "0", *["to", "handle", "of", "the", "drawer"], "500"]
-    assert rows[29].split() == ["30", "reset_arm", "1", "50"]
-    print_plan(episode(), limits)
-    printed = capsys.readouterr().out
-    assert "set_table/val/003: 30 steps, their limits together 5850" in printed  # 7 x 500 + 8 x 200 + 15 x 50
-    assert "target 0 in drawer1_top" in printed
-    assert "handle of the fridge" in printed
 
 
 def test_planning_prints_nothing_and_is_light():

@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from perdure.errors import PerdureError
 from perdure.home.tasks.tasks import (
     NOTHING,
     PREPARE_GROCERIES,
@@ -13,9 +10,6 @@ from perdure.home.tasks.tasks import (
     SOMETHING_ELSE,
     TIDY_HOUSE,
     WorldFacts,
-    goal_stabilizing,
-    latch,
-    stabilizing_stages,
 )
 
 HOME, AWAY = 0.0, 1.0  # distance of an object from its goal
@@ -55,11 +49,18 @@ REACHED_AT = {
 }
 
 
+def latch(task, reached, facts):
+    """Stages in order, no one left out, each kept once reached."""
+    met = np.stack([stage.met(facts) for stage in task.stages], axis=-1)
+    return np.logical_and.accumulate(reached | met, axis=-1)
+
+
 def latched_stages(task, facts):
     """Which stages are reached after each step. Shape (steps, *, stages)."""
-    reached, history = np.zeros((*np.shape(facts.held)[1:], len(task.stages)), dtype=bool), []
-    for step in range(len(facts)):
-        reached = latch(task, reached, facts[step])
+    met = np.stack([stage.met(facts) for stage in task.stages], axis=-1)
+    reached, history = np.zeros(met.shape[1:], dtype=bool), []
+    for now in met:
+        reached = np.logical_and.accumulate(reached | now, axis=-1)
         history.append(reached)
     return np.array(history)
 
@@ -122,13 +123,13 @@ def test_drift_of_an_earlier_object_shows_in_the_next_stage_only():
 
 
 def test_one_step_may_reach_several_stages_but_never_leaves_one_out():
-    both = story(((HOME, AWAY, AWAY, AWAY, AWAY), 1, 0, 0), targets=5)[0]
-    reached = np.zeros(10, dtype=bool)
+    both = story(((HOME, AWAY, AWAY, AWAY, AWAY), 1, 0, 0), targets=5)
+    reached = np.zeros((1, 10), dtype=bool)
     assert not latch(TIDY_HOUSE, reached, both).any()  # pick_1 holds, but pick_0 was never reached
-    reached[:2] = True
-    assert latch(TIDY_HOUSE, reached, both).tolist() == [True] * 3 + [False] * 7
-    opened_and_held = story(((AWAY, AWAY), 0, 0.45, 0.0))[0]
-    assert latch(SET_TABLE, np.zeros(8, dtype=bool), opened_and_held).tolist() == [True, True] + [False] * 6
+    reached[0, :2] = True
+    assert latch(TIDY_HOUSE, reached, both)[0].tolist() == [True] * 3 + [False] * 7
+    opened_and_held = story(((AWAY, AWAY), 0, 0.45, 0.0))
+    assert latch(SET_TABLE, np.zeros(8, dtype=bool), opened_and_held)[0].tolist() == [True, True] + [False] * 6
 
 
 def test_many_lanes_at_once_count_as_each_by_itself():
@@ -145,95 +146,3 @@ def test_many_lanes_at_once_count_as_each_by_itself():
     assert (together[:, 1] == latched_stages(SET_TABLE, second)).all()
     assert together[-1, 0].all()
     assert together[-1, 1].sum() == 2
-
-
-# --- goal-stabilizing: one object, six steps: two handled, two of the episode after that, two of settling time
-HANDLED = np.array([True, True, False, False, False, False])[:, None]
-GOOD = (AWAY, HOME, HOME, HOME, HOME, HOME)
-
-
-def single(distances, held=(0, 0, NOTHING, NOTHING, NOTHING, NOTHING)):
-    return story(*(((d,), h, 0, 0) for d, h in zip(distances, held, strict=True)), targets=1)
-
-
-def test_a_placement_that_stays_to_the_end_of_the_settling_time_is_goal_stabilizing():
-    assert goal_stabilizing(single(GOOD), HANDLED, settle_steps=2).tolist() == [True]
-
-
-@pytest.mark.parametrize("step", [2, 3, 4, 5])
-def test_a_placement_left_at_any_one_later_step_is_not(step):
-    distances = list(GOOD)
-    distances[step] = 0.151
-    assert goal_stabilizing(single(distances), HANDLED, settle_steps=2).tolist() == [False]
-
-
-@pytest.mark.parametrize("step", [0, 1])
-def test_where_the_object_was_while_it_was_handled_does_not_matter(step):
-    distances = list(GOOD)
-    distances[step] = 5.0
-    assert goal_stabilizing(single(distances), HANDLED, settle_steps=2).tolist() == [True]
-
-
-def test_an_object_still_in_the_hand_is_not_placed():
-    held = (0, 0, 0, NOTHING, NOTHING, NOTHING)
-    assert goal_stabilizing(single(GOOD, held), HANDLED, settle_steps=2).tolist() == [False]
-
-
-def test_holding_something_else_later_does_not_spoil_a_placement():
-    held = (0, 0, HANDLE, 1, 2, NOTHING)
-    assert goal_stabilizing(single(GOOD, held), HANDLED, settle_steps=2).tolist() == [True]
-
-
-def test_an_object_the_plan_never_got_to_is_not_placed_wherever_it_is():
-    home = (HOME,) * 6
-    never = np.zeros((6, 1), dtype=bool)
-    assert goal_stabilizing(single(home, (NOTHING,) * 6), never, settle_steps=2).tolist() == [False]
-
-
-def test_only_the_last_handling_counts():
-    handling = np.array([True, False, True, False, False, False])[:, None]
-    distances = (AWAY, AWAY, AWAY, HOME, HOME, HOME)  # misplaced first, then handled again and placed well
-    assert goal_stabilizing(single(distances, (0, -1, 0, -1, -1, -1)), handling, settle_steps=2).tolist() == [True]
-
-
-def test_counting_without_a_settling_time_is_refused():
-    with pytest.raises(PerdureError, match="last 5 steps must be a settling time"):
-        goal_stabilizing(single(GOOD), HANDLED, settle_steps=5)
-    with pytest.raises(PerdureError, match="last 150 steps"):
-        goal_stabilizing(single(GOOD), HANDLED)
-    with pytest.raises(PerdureError, match="handling has 5 steps"):
-        goal_stabilizing(single(GOOD), HANDLED[:5], settle_steps=2)
-
-
-@given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.2]), st.booleans(), st.booleans()), min_size=1, max_size=12))
-def test_step_by_step_counting_agrees_with_the_definition_read_aloud(rows):
-    """In the goal and out of the hand at every step after the last one at which it was handled, and there is one."""
-    distance, in_hand, handled = zip(*rows, strict=True)
-    held = tuple(0 if h else NOTHING for h in in_hand)
-    handling = np.array(handled)[:, None]
-    counted = goal_stabilizing(single(distance, held), handling, settle_steps=0)[0]
-    last = max((k for k, h in enumerate(handled) if h), default=None)
-    after = [] if last is None else list(range(last + 1, len(rows)))
-    assert counted == (bool(after) and all(distance[k] <= 0.15 and not in_hand[k] for k in after))
-
-
-def test_a_stage_counts_while_every_placement_up_to_it_lasts():
-    reached = np.ones(8, dtype=bool)
-    table = {(True, True): 8, (True, False): 6, (False, True): 2, (False, False): 2}
-    for stays, count in table.items():
-        assert stabilizing_stages(SET_TABLE, reached, np.array(stays)).tolist() == [True] * count + [False] * (
-            8 - count
-        )
-    reached[4:] = False
-    assert stabilizing_stages(SET_TABLE, reached, np.array([True, True])).sum() == 4
-
-
-def test_both_ways_of_counting_differ_exactly_on_a_placement_that_does_not_last():
-    rows = [((AWAY,) * 3, 0, 0, 0), ((HOME, AWAY, AWAY), NOTHING, 0, 0), ((AWAY,) * 3, NOTHING, 0, 0)]
-    facts = story(*rows, targets=3)
-    handling = np.zeros((3, 3), dtype=bool)
-    handling[0, 0] = True
-    latched = latched_stages(PREPARE_GROCERIES, facts)[-1]
-    lasting = stabilizing_stages(PREPARE_GROCERIES, latched, goal_stabilizing(facts, handling, settle_steps=1))
-    assert latched.tolist() == [True, True, False, False, False, False]
-    assert lasting.tolist() == [True, False, False, False, False, False]
