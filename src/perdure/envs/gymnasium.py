@@ -75,6 +75,8 @@ class GymnasiumWorld(TrackedWorld):
         self._next_seeds: list[int | None] = list(seeds)
         self._tracker = LaneTracker(len(seeds))
         self._envs: list[Any] = []
+        self.infos = [dict[str, Any]() for _ in seeds]
+        """The environments' last infos."""
         try:
             for factory in factories:
                 if mujoco := sys.modules.get("mujoco"):  # imported with the first robot
@@ -103,12 +105,14 @@ class GymnasiumWorld(TrackedWorld):
         return spec
 
     @classmethod
-    def from_id(cls, env_id: str, seeds: Sequence[int]) -> GymnasiumWorld:
+    def from_id(cls, env_id: str, seeds: Sequence[int], name: str = "", **options: Any) -> GymnasiumWorld:
         """Build lanes of a registered environment, without the time limit it is registered with.
 
         Args:
             env_id: Gymnasium's id, e.g. "Pendulum-v1", or "module:Id-v0" to import a module first.
             seeds: One per lane.
+            name: Goes into the spec; "": the id.
+            options: Of the environment.
 
         Raises:
             PerdureError: If Gymnasium has no such id, or the environment cannot be built or does not fit the contract.
@@ -128,8 +132,8 @@ class GymnasiumWorld(TrackedWorld):
             known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
             raise unknown_task(f"gymnasium:{env_id}", known) from None
 
-        factories = [partial(make_env, env_id)] * len(checked_seeds(seeds))
-        return cls(factories, seeds, f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
+        factories = [partial(make_env, env_id, **options)] * len(checked_seeds(seeds))
+        return cls(factories, seeds, name or f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
 
     @property
     def environments(self) -> tuple[Any, ...]:
@@ -168,6 +172,7 @@ class GymnasiumWorld(TrackedWorld):
             terminated[row], truncated[row] = read_flag(where, "terminated", ended), read_flag(where, "truncated", cut)
             diverged[row] = divergence_count(self._envs[lane]) > 0
             successes[row] = read_success(where, info, self.success_key)
+            self.infos[lane] = info
         elapsed = self._tracker.advance(chosen, terminated | truncated)
         return Step(observations, rewards, terminated, truncated, elapsed, diverged, successes)
 

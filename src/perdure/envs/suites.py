@@ -21,6 +21,8 @@ from perdure.envs.world import TaskSpec, World, checked_seeds
 from perdure.errors import PerdureError, did_you_mean
 
 GYMNASIUM_PREFIX, ENVPOOL_PREFIX = "gymnasium:", "envpool:"
+ROBOTS = "perdure.robots.world"
+"""Imported when a task is the contract of a robot."""
 
 
 def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
@@ -68,6 +70,11 @@ def list_tasks(suite: str | None = None) -> list[TaskListing]:
     return [listing for one in suites() if suite in (None, one.name) for listing in one.listings()]
 
 
+def is_contract(task: str) -> bool:
+    """Return whether a task is named by the contract of a robot, see `perdure.robots`."""
+    return task.endswith((".yaml", ".yml"))
+
+
 def is_task(name: str) -> bool:
     """Return whether a suite owns the name."""
     return any(suite.owns(name) for suite in suites())
@@ -80,6 +87,7 @@ def task_of_environment(name: str) -> str:
     |---|---|
     | `gymnasium:Id`, `Module:Id` | that environment of Gymnasium |
     | `envpool:Id` | EnvPool's environment of that name, which is faster |
+    | `robot.yaml` | the robot of that contract, see `perdure.robots` |
     | `Id` | Gymnasium's environment if Gymnasium can make it, else the task of that name in `perdure list tasks` |
 
     The same name may mean slightly different physics in Gymnasium and in EnvPool. A policy of another library was
@@ -177,14 +185,14 @@ def _envpool_registry() -> dict[str, tuple[str, str, dict[str, Any]]]:
 
 @dataclass(frozen=True)
 class GymnasiumSuite:
-    """Every environment that Gymnasium can make by its id, written `gymnasium:<id>`."""
+    """Every environment that Gymnasium can make by its id, written `gymnasium:<id>`, and contracts of robots."""
 
     name: str = "Gymnasium"
     """See `TaskSuite.name`."""
 
     def owns(self, task: str) -> bool:
         """See `TaskSuite.owns`."""
-        return task.startswith(GYMNASIUM_PREFIX)
+        return task.startswith(GYMNASIUM_PREFIX) or is_contract(task)
 
     def listings(self) -> list[TaskListing]:
         """See `TaskSuite.listings`: one line, since most of Gymnasium's registry needs extra packages to build."""
@@ -194,6 +202,8 @@ class GymnasiumSuite:
         """See `TaskSuite.make`; `threads` is not used, the environments are stepped one after the other."""
         from perdure.envs.gymnasium import GymnasiumWorld
 
+        if is_contract(task):
+            return GymnasiumWorld.from_id(f"{ROBOTS}:perdure/VelocityCommand-v0", seeds, task, robot=task)
         return GymnasiumWorld.from_id(task.removeprefix(GYMNASIUM_PREFIX), seeds)
 
 
@@ -337,11 +347,13 @@ def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
 
 
 def task_source_digest(task: str) -> dict[str, str]:
-    """Return {module: SHA-256} of the module that "gymnasium:MODULE:Id" imports; {} for other tasks.
+    """Return {module: SHA-256} of the module that "gymnasium:MODULE:Id" imports, or of a contract; {} for other tasks.
 
     For a module inside a package, all Python files of the top-level package are included. Code that it imports from
     other packages is not.
     """
+    if is_contract(task):
+        return dict(import_module(ROBOTS).sources(task))
     top = (module_of(task) or "").partition(".")[0]
     try:
         spec = find_spec(top) if top else None

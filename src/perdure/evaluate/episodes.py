@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -27,6 +27,7 @@ from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
 from perdure.policy import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.network import one_thread
+from perdure.report.schema import MEASURES
 
 FIRST_EVAL_SEED = 1_000_000
 """Evaluation seed k starts a world from seed FIRST_EVAL_SEED + k."""
@@ -379,6 +380,8 @@ class EpisodeRecords:
     (1 or 0), shape (3, n); nan where the environment does not say."""
     step_seconds: float = math.nan
     """Seconds of a control step; nan: unknown."""
+    measures: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """What the environment's last infos measure of an episode, by a name in `MEASURES`, shape (n,) each."""
 
 
 def evaluate_episodes(
@@ -439,7 +442,13 @@ def _run(
                 progress(step, len(loop.running))
             if not len(loop.running):
                 break
-    return replace(recorder.records(), step_seconds=world.spec.step_seconds)
+    infos = getattr(world, "infos", ())
+    found = {name: [info.get(name) for info in infos] for name in MEASURES if any(name in info for info in infos)}
+    measures = {
+        name: np.array([value if isinstance(value, float) and value >= 0.0 else math.nan for value in values])
+        for name, values in found.items()
+    }
+    return replace(recorder.records(), step_seconds=world.spec.step_seconds, measures=measures)
 
 
 class _Recorder:

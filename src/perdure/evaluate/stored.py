@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from perdure.disturbances import parse_disturbance
 from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, report_success, task_of_environment
 from perdure.envs.disturbances import disturbed_task
-from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, task_source_digest
+from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import (
     FIRST_EVAL_SEED,
@@ -410,10 +410,10 @@ Versions = dict[str, str]
 
 
 def _versions(task: str) -> Versions:
-    """Return what episodes of a task depend on: for Gymnasium's also MuJoCo, and the module that defines the task."""
+    """Return what episodes of a task depend on: for Gymnasium's also MuJoCo, and the module or contract behind it."""
     names = ("perdure", "envpool", "gymnasium", "numpy")
     found = {name: version(name) for name in names}
-    if not task.startswith("gymnasium:"):
+    if not task.startswith("gymnasium:") and not is_contract(task):
         return found
     return {**found, "mujoco": version("mujoco"), **task_source_digest(task)}
 

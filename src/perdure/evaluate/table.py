@@ -164,6 +164,7 @@ def episode_table(
         "movement_first": np.repeat(records.movement[0], m),
         "movement_last": np.repeat(records.movement[1], m),
         **{name: np.repeat(found, m) for name, found in zip(GOALS, records.goals, strict=True)},
+        **{name: np.repeat(found, m) for name, found in records.measures.items()},
     }
     return pl.DataFrame(columns)
 

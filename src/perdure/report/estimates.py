@@ -18,7 +18,7 @@ import polars as pl
 
 from perdure.disturbances import FACTORS
 from perdure.report import wording
-from perdure.report.goals import GOOD, MISSES, REACHES, goal_evidence, reaching
+from perdure.report.goals import GOOD, MISSES, REACHES, goal_evidence, reaching, walk_evidence
 from perdure.report.groups import EPISODE_FAILURES, NO_CLOCK, Group, failure_times, make_groups
 from perdure.report.schema import CALM, Episodes, IntArray
 from perdure.stats import (
@@ -234,7 +234,7 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
         for (seed,), part in group.facts.group_by("train_seed"):
             mine = Counter(part["verdict"])
             by_seed[int(seed)] = _label(mine, sum(mine[each] for each in GOOD) / mine.total())
-    evidence = "; ".join([*_evidence(group, label), *goal_evidence(group, label)])
+    evidence = "; ".join([*_evidence(group, label), *goal_evidence(group, label), *walk_evidence(group)])
     return Verdict(group, label, counts[label], share, by_seed, evidence)
 
 

@@ -1,7 +1,7 @@
 """Tasks with a goal: which verdict they get, and how often, when and how long their episodes are at the goal, in words.
 
 A reached goal that ends the episode is a verdict of its own. Where episodes go on, successes are counted as in
-ManiSkill-HAB: once, at the end, and the longest stay.
+ManiSkill-HAB: once, at the end, and the longest stay. And measures of a robot's walk: does it walk straight?
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.report.schema import GOALS
+from perdure.report.schema import GOALS, MEASURES
 
 if TYPE_CHECKING:
     from perdure.report.groups import Group
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 REACHES, MISSES = "reaches its goal", "misses its goal"
 """Verdicts in a task that ends episodes at the goal: of those, and of others that neither fall nor diverge."""
 GOOD = ("holds", REACHES)
+STRAIGHT = 10.0
+"""A robot that turns away from its commanded heading by more does not walk straight [degrees a minute]."""
+WALKS = (
+    *("turns {} degrees a minute from its commanded heading", "drifts {} m a minute from its commanded path"),
+    *("misses its commanded velocity by {} m/s", "its motors work {} J/m"),
+)
 SUCCESSES = [
     pl.when(pl.col(name).is_nan().all().over("task")).then(name).otherwise(pl.col(name).fill_nan(none)).alias(name)
     for name, none in GOALS.items()
@@ -67,3 +73,18 @@ def _counted(group: Group, number: int) -> str:
     middle = np.median(steps[np.isfinite(steps)])
     seconds = "" if np.isnan(step := group["step_seconds"][0]) else f", {middle * step:.3g} s"
     return f"{counted}, after {middle:,.0f} steps (median{seconds})"
+
+
+def medians(group: Group) -> dict[str, float]:
+    """Return the median of each of `MEASURES` over the episodes that have it, by name."""
+    known = {name: group[name][np.isfinite(group[name])] for name in MEASURES}
+    return {name: float(np.median(values)) for name, values in known.items() if len(values)}
+
+
+def walk_evidence(group: Group) -> Iterator[str]:
+    """Yield what is to be said of the walk beside the verdict."""
+    found = medians(group)
+    for name, words in zip(MEASURES, WALKS, strict=True):
+        if name in found:
+            crooked = name == "heading_error" and found[name] > STRAIGHT
+            yield words.format(wording.quantity(found[name])) + (": it does not walk straight" if crooked else "")

@@ -14,7 +14,7 @@ import hashlib
 import io
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -137,6 +137,14 @@ TABLE: dict[str, Column] = {
         Flag(), "two consecutive windows, at any time, scored below 0.25: hardly better than idle", shown="ever idle"
     ),
 }
+_MEASURE = Real(0.0, unknown=True)
+MEASURES: dict[str, Column] = {
+    "heading_error": Column(_MEASURE, "how far the robot turned from its commanded heading [degrees a minute]"),
+    "lateral_drift": Column(_MEASURE, "how far to the side of its commanded path it was [m a minute]"),
+    "velocity_error": Column(_MEASURE, "mean distance from the commanded planar velocity [m/s]"),
+    "energy_per_meter": Column(_MEASURE, "positive mechanical work of the motors [J/m]"),
+}
+"""Columns of tables whose environment reports them in its infos; nan where it does not."""
 COLUMNS: dict[str, type[pl.DataType]] = {name: column.type for name, column in TABLE.items()}
 """Name and type of every column, in order."""
 EPISODE = tuple(name for name, column in TABLE.items() if column.of == "key")
@@ -164,6 +172,7 @@ __doc__ = "\n".join(
         f"{__doc__ or ''}| column | type | meaning |",
         "|---|---|---|",
         *(f"| {name} | {_TYPES[type(each.kind)][1]} | {each.documentation} |" for name, each in TABLE.items()),
+        *(f"| {name} | float | only of robots' walks: {each.documentation} |" for name, each in MEASURES.items()),
     ]
 )
 
@@ -179,7 +188,7 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
 
     Args:
         path: Where to.
-        frame: The columns of `COLUMNS`, in any order.
+        frame: The columns of `COLUMNS`, and perhaps of `MEASURES`, in any order.
         metadata: Text by name for the file's key-value metadata, such as {"command": "perdure extrapolate ..."}.
 
     Raises:
@@ -191,7 +200,7 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
         if name in _RESERVED or not isinstance(value, str):
             raise PerdureError(f"Metadata {name!r} = {value!r} cannot be: values are text, {_RESERVED} are reserved.")
     buffer, notes = io.BytesIO(), {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata}
-    frame.select(list(COLUMNS)).write_parquet(buffer, metadata={**notes, "seal": _UNSEALED.decode()})
+    frame.select(_known(frame.columns)).write_parquet(buffer, metadata={**notes, "seal": _UNSEALED.decode()})
     return write_atomic(path, sealed(buffer.getvalue()))
 
 
@@ -199,13 +208,14 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
     """Read an extrapolation table.
 
     Returns:
-        (frame with the columns of `COLUMNS` in that order, metadata without the reserved names).
+        (frame with the columns of `COLUMNS` and those of `MEASURES` that it has in that order, metadata without the
+        reserved names).
 
     Raises:
         PerdureError: The file is missing, foreign, of another version, or damaged. One sentence says which.
     """
     parquet, notes = _open(Path(path))
-    frame = parquet.read(list(COLUMNS))
+    frame = parquet.read(_known(parquet.columns))
     table_episodes(frame, str(path))
     return frame, notes
 
@@ -220,7 +230,7 @@ def read_episodes(path: str | os.PathLike[str]) -> tuple[tuple[Episodes, ...], d
         PerdureError: As `read_table`.
     """
     parquet, notes = _open(Path(path))
-    return _episodes(lambda name: parquet.read([name]).get_column(name), str(path)), notes
+    return _episodes(lambda name: parquet.read([name]).get_column(name), parquet.columns, str(path)), notes
 
 
 def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
@@ -257,11 +267,17 @@ def sealed(content: bytes) -> bytes:
     return before + _SEAL + hashlib.sha256(before + _UNSEALED + after).hexdigest().encode() + after
 
 
+def _known(found: Collection[str]) -> list[str]:
+    return [*COLUMNS, *(name for name in MEASURES if name in found)]
+
+
 def _check_columns(found: Mapping[str, object], name: str) -> None:
-    missing, unknown = ([each for each in a if each not in b] for a, b in ((COLUMNS, found), (found, COLUMNS)))
+    known = _known(found)
+    missing, unknown = ([each for each in a if each not in b] for a, b in ((COLUMNS, found), (found, known)))
     if missing or unknown:
         raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
-    for column, kind in COLUMNS.items():
+    for column in known:
+        kind = COLUMNS.get(column, pl.Float64)
         if found[column] != kind:
             raise PerdureError(f"{name}: column {column!r} is {found[column]}, not {kind.__name__}.")
 
@@ -297,14 +313,16 @@ def table_episodes(frame: pl.DataFrame, name: str) -> tuple[Episodes, ...]:
             sentence begins with `name`.
     """
     _check_columns(frame.schema, name)
-    return _episodes(frame.get_column, name)
+    return _episodes(frame.get_column, frame.columns, name)
 
 
-def _episodes(column: Columns, name: str) -> tuple[Episodes, ...]:
+def _episodes(column: Columns, names: Collection[str], name: str) -> tuple[Episodes, ...]:
+    measures = [each for each in MEASURES if each in names]
     if column("step").is_empty():
         raise PerdureError(f"{name} has no rows.")
     try:
         check_columns(column, ROW)
+        check_columns(column, Table(dict.fromkeys(measures, _MEASURE)))
     except PerdureError as error:
         raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
     codes = [_codes(column(each)) for each in (*EPISODE, "step")]
@@ -319,7 +337,7 @@ def _episodes(column: Columns, name: str) -> tuple[Episodes, ...]:
         row = int(order[again[0] + 1])
         episode = tuple(column(each)[row] for each in EPISODE)
         raise PerdureError(f"{name} has the episode {episode} twice at step {column('step')[row]}.")
-    for each in OF_EPISODE:
+    for each in (*OF_EPISODE, *measures):
         values = _codes(column(each))[order]
         changed = np.flatnonzero(inside & (values[1:] != values[:-1]))
         if changed.size:
@@ -329,7 +347,8 @@ def _episodes(column: Columns, name: str) -> tuple[Episodes, ...]:
     lengths = np.diff([*starts, len(order)])
     last = order[starts + lengths - 1]
     facts = pl.DataFrame([column(each).gather(last) for each in COLUMNS if each not in CURVES])
-    facts = facts.with_columns(place=pl.Series(np.minimum.reduceat(order, starts)))
+    measured = {each: column(each).gather(last) if each in names else pl.lit(math.nan) for each in MEASURES}
+    facts = facts.with_columns(place=pl.Series(np.minimum.reduceat(order, starts)), **measured)
     parts = []
     for task, disturbance in facts.sort("place").select("task", "disturbance").unique(maintain_order=True).iter_rows():
         mine = np.flatnonzero((facts["task"] == task) & (facts["disturbance"] == disturbance))

