@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -369,11 +369,19 @@ def divergence_count(env: Any) -> int:
     MuJoCo answers a position, velocity or acceleration that is not a number, or is beyond 1e10, by resetting the data
     to its start; the counters of these warnings survive that reset (``mj_checkPos``, ``mj_checkVel``, ``mj_checkAcc``).
     """
-    mujoco = sys.modules.get("mujoco")  # an environment on MuJoCo has imported it
     warnings = getattr(getattr(env.unwrapped, "data", None), "warning", None)
-    if mujoco is None or warnings is None:
+    if warnings is None or "mujoco" not in sys.modules:  # an environment on MuJoCo has imported it
         return 0
-    return sum(int(warnings[int(getattr(mujoco.mjtWarning, name))].number) for name in BAD_STATE_WARNINGS)
+    counts = warnings.number.tolist()
+    return int(sum(counts[place] for place in _bad_states()))
+
+
+@cache
+def _bad_states() -> tuple[int, ...]:
+    """Return the places of `BAD_STATE_WARNINGS` among MuJoCo's warnings; looked up once, this runs in every step."""
+    import mujoco
+
+    return tuple(int(getattr(mujoco.mjtWarning, name)) for name in BAD_STATE_WARNINGS)
 
 
 # Calls of third-party environments. Gymnasium does not check what they return. NumPy would stretch an observation that
