@@ -170,13 +170,13 @@ def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
 def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """Return the tables that the page includes, as text."""
     shown = tables["left"].filter(
-        pl.col("method").is_in([METHODS["ppo"], METHODS["geometric"]])
+        pl.col("method").is_in([METHODS[name] for name in ("ppo", "geometric", "ppo-undiscounted")])
         & ((pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah"))
         & (pl.col("steps") == 10_000)
     )
-    main = shown.with_columns(cell=pl.format("{} of {}; {} of {}", "left", "episodes", "runs that hold", "runs")).pivot(
-        "method", index=("task", "preset", "condition", "steps"), values="cell"
-    )
+    main = shown.with_columns(
+        cell=pl.format("{} of {} ({} of {})", "runs that hold", "runs", "left", "episodes")
+    ).pivot("method", index=("task", "preset", "condition", "steps"), values="cell")
     foresight = tables["foresight"].filter(pl.col("threshold") == 0.75)
     names = ("AUC", "low", "high", "AUC within a task")
     cells = foresight.with_columns(
