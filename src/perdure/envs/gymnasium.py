@@ -452,6 +452,8 @@ def read_reward(where: str, reward: Any) -> float:
     Raises:
         PerdureError: If it is not one real number.
     """
+    if isinstance(reward, float):  # NumPy's float64 too
+        return float(reward)
     value = np.asarray(reward)
     if value.dtype.kind not in "fiub" or value.size != 1:
         raise PerdureError(f"{where}: the reward must be a real number, it is {reward!r}")
@@ -464,9 +466,9 @@ def read_flag(where: str, name: str, flag: Any) -> bool:
     Raises:
         PerdureError: If it is anything else.
     """
+    if isinstance(flag, bool | np.bool_):
+        return bool(flag)
     value = np.asarray(flag)
-    if value.size != 1 or not (
-        value.dtype.kind == "b" or (value.dtype.kind in "iu" and int(value.reshape(())) in (0, 1))
-    ):
+    if value.size != 1 or value.dtype.kind not in "biu" or int(value.reshape(())) not in (0, 1):
         raise PerdureError(f"{where}: {name} must be True or False, it is {flag!r}")
     return bool(value.reshape(()))
