@@ -129,7 +129,7 @@ def parse_disturbances(texts: Sequence[str]) -> tuple[Disturbance, ...]:
     if tuple(texts) == (CALM,):
         return ()
     if CALM in texts:
-        raise PerdureError(f"{CALM} disturbs nothing, so nothing may stand beside it: {' '.join(texts)}")
+        raise PerdureError(f"{CALM} cannot be combined with disturbances: {' '.join(texts)}")
     found = [parse_disturbance(each) for text in texts for each in STANDARDS.get(text, (text,))]
     if len({each.name for each in found}) < len(found):
         raise PerdureError(f"one kind of disturbance is named twice: {', '.join(each.label for each in found)}")

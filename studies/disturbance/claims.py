@@ -67,20 +67,22 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     """
     runs, rows, ended = _runs(episodes), [], False
     for number, claim in enumerate(CLAIMS, 1):
+        here = runs.filter(condition=claim.condition)
         sides = {
-            task: (_values(part, claim, claim.left), _values(part, claim, claim.right))
-            for (task,), part in sorted(runs.filter(condition=claim.condition).group_by("task"))
+            str(task): (_values(part, claim, claim.left), _values(part, claim, claim.right))
+            for (task,), part in sorted(here.group_by("task"))
         }
         complete = len(sides) == 3 and all(len(side) == 10 for pair in sides.values() for side in pair)
         for task, (left, right) in sides.items():
             if len(left) and len(right):
-                rows.append(_row(number, claim, str(task), {str(task): (left, right)}))
+                rows.append(_row(number, claim, task, {task: (left, right)}, here.filter(task=task)))
         if sides and all(len(side) > 1 for pair in sides.values() for side in pair):
-            row = _row(number, claim, f"mean of {len(sides)} tasks", sides)
+            row = _row(number, claim, f"mean of {len(sides)} tasks", sides, here)
             won = row["lower 5 %"] > -claim.margin if claim.margin else row["p"] <= LEVEL
             decision = "supported" if won else "not shown"
             rows.append(row | {"decision": "not tested" if ended else decision if complete else "runs are missing"})
-            ended = ended or not (complete and won)
+            ended = ended or not won
+        ended = ended or not complete
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
@@ -97,7 +99,7 @@ def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
             (gain / scale).first().alias("gain in training"),
             (pl.col("failed_step") / pl.col("test_horizon")).mean().alias("working share"),
             ((rate - pl.col("idle_rate")) / scale).mean().alias("score"),
-            ((pl.col("speed") - pl.col("idle_rate")) / scale).drop_nans().mean().alias("speed"),
+            ((pl.col("speed") - pl.col("idle_rate")) / scale).drop_nans().mean().alias("speed"),  # while working
         )
         .with_columns(least=LEAST_GAIN * pl.col("gain").filter(pl.col("method") == "ppo").mean().over("task"))
         .with_columns(
@@ -108,10 +110,12 @@ def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
 
 
 def _values(part: pl.DataFrame, claim: Claim, method: str) -> FloatArray:
-    return part.filter(method=method)[claim.measure].to_numpy().astype(np.float64)
+    return part.filter(method=method)[claim.measure].to_numpy()
 
 
-def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides]) -> dict[str, Any]:
+def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl.DataFrame) -> dict[str, Any]:
+    by_task = runs.group_by("task", "method").agg(pl.col("speed").mean())
+    speeds = dict(by_task.group_by("method").agg(pl.col("speed").mean()).iter_rows())
     pairs, rng = list(sides.values()), np.random.default_rng(number)
     drawn = sum(_resampled(left, rng) - _resampled(right, rng) for left, right in pairs) / len(pairs)
     low, lower, high = np.quantile(drawn, (0.025, LEVEL, 0.975))
@@ -125,6 +129,8 @@ def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides]) -> dict[
         "runs": min(len(side) for pair in pairs for side in pair),
         "left mean": np.mean([left.mean() for left, _ in pairs]),
         "right mean": np.mean([right.mean() for _, right in pairs]),
+        "left speed": speeds[claim.left],
+        "right speed": speeds[claim.right],
         "effect": difference(pairs),
         "low": low,
         "high": high,

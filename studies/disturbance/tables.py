@@ -182,5 +182,9 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     cells = foresight.with_columns(
         cell=pl.format("{} [{}, {}]; {}", *(pl.col(name).round(2).cast(pl.String) for name in names))
     ).pivot("verdict", index=("new condition", "in standard-1", "runs", "runs that fail"), values="cell")
-    texts = (frame.select(pl.all().cast(pl.String)) for frame in (main, cells))
-    return dict(zip(("left", "foresight"), texts, strict=True))
+    found = {"left": main, "foresight": cells}
+    if "claims" in tables:
+        alone = tables["claims"].filter(pl.col("runs") == 10, pl.col("decision").is_null())
+        numbers = (pl.col("left mean", "right mean", "left speed", "right speed").round(2), pl.col("p").round(3))
+        found["claims"] = alone.select("claim", "left", "right", "condition", "task", *numbers)
+    return {name: frame.select(pl.all().cast(pl.String)) for name, frame in found.items()}

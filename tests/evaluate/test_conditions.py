@@ -50,7 +50,7 @@ def test_steps_and_start_states_are_those_of_the_part_that_is_named(options, exp
     ("options", "words"),
     [
         ({"disturb": ()}, "disturb must name something"),
-        ({"disturb": ("none", "push:1")}, "none disturbs nothing, so nothing may stand beside it: none push:1"),
+        ({"disturb": ("none", "push:1")}, "none cannot be combined with disturbances: none push:1"),
         ({"disturb": ("push:1", "push:2")}, "named twice"),
         ({"disturb": ("standard-2",)}, "standard-1"),
         ({"disturb": "push:1"}, "disturb must be a tuple"),

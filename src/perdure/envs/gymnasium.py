@@ -201,7 +201,7 @@ def make_env(env_id: str, **options: Any) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         env = gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
-    lift(env)  # what is registered may hold a limit of its own
+    lift(env)  # a registered environment may contain a TimeLimit
     return env
 
 

@@ -1,4 +1,4 @@
-"""Write checkpoints and exports of rsl_rl, and the actions of its own modules on them, as truth for the tests.
+"""Write rsl_rl checkpoints and exports, with the actions of rsl_rl's own modules as expected values.
 
     python tests/policy/readers/make_rsl_rl_fixtures.py FOLDER
 

@@ -66,6 +66,9 @@ def test_a_run_that_stands_does_not_win():
 def test_missing_runs_are_named_and_decide_nothing():
     frame = fresh_runs({("geometric", NOISE): 0.9}).filter((pl.col("task") != "C") | (pl.col("train_seed") < 15))
     assert decisions(frame)[0] == "runs are missing"
+    one_claim = (pl.col("task") != "C") | (pl.col("method") != "geometric-discounted")  # the third lacks a side
+    life = {("geometric", NOISE): 0.9, ("geometric", PUSHES): 0.8}
+    assert decisions(fresh_runs(life).filter(one_claim)) == ["supported", "supported", "not tested", "not tested"]
 
 
 def test_speed_ends_at_the_last_record_before_the_failure():
