@@ -55,9 +55,10 @@ CONDITIONS = (
 REGISTERED = (
     Condition("action noise 0.1", ("action_noise:0.1",), 10_000),
     Condition("pushes of 0.5 m/s", ("push:0.5",), 10_000),
+    Condition("standard-1", ("standard-1",), 10_000),
     Condition("calm", ("none",), 100_000),
 )
-"""Of the five registered claims (results/horizon/registered.md), training seeds 10 to 19."""
+"""Of training seeds 10 to 19: those of the five registered claims (results/horizon/registered.md), and `standard-1`."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,8 @@ def subjects() -> Iterator[Subject]:
 
 
 def fresh_subjects() -> Iterator[Subject]:
-    """Yield the training runs with seeds 10 to 19 of the four methods of the registered claims."""
-    for robot, preset in (("Hopper-v3", "@cleanrl"), ("Walker2d-v3", "@cleanrl"), ("HalfCheetah-v3", "")):
-        for method in ("ppo", "geometric", "geometric-discounted", "ppo-gamma-0.999"):
-            if files := sorted((POLICIES / robot / f"{method}{preset}").glob("seed-1?.safetensors")):
-                yield Subject(robot, f"{method}{preset}", tuple(files))
+    """Yield the training runs with seeds 10 to 19 of every method that has some."""
+    for robot in ROBOTS:
+        for folder in sorted((POLICIES / robot).iterdir()):
+            if files := sorted(folder.glob("seed-1?.safetensors")):
+                yield Subject(robot, folder.name, tuple(files))

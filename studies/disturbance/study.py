@@ -17,6 +17,7 @@ from perdure.report.charts import save
 from perdure.runs import Store, Unit, Work, file_digest, write_atomic
 from perdure.runs.progress import total_share
 from studies.disturbance.claims import claims_table, speed_while_working
+from studies.disturbance.cure import cure_table
 from studies.disturbance.grid import (
     CONDITIONS,
     FIRST_START,
@@ -136,8 +137,11 @@ def analyze(scale: str, out: Path) -> list[Path]:
     if not (out / EPISODES).is_file():
         raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
     tables = all_tables(read_parquet_file(out / EPISODES))
+    tables["cure"] = cure_table(read_parquet_file(out / EPISODES), "0 to 9")
     if (out / FRESH).is_file():
-        tables["claims"] = claims_table(read_parquet_file(out / FRESH))
+        fresh = read_parquet_file(out / FRESH)
+        tables["claims"] = claims_table(fresh)
+        tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19")], how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
     figures = list(draw_figures(tables))
     save(figures, out / "figures", ("svg",))

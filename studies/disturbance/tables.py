@@ -183,6 +183,18 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
         cell=pl.format("{} [{}, {}]; {}", *(pl.col(name).round(2).cast(pl.String) for name in names))
     ).pivot("verdict", index=("new condition", "in standard-1", "runs", "runs that fail"), values="cell")
     found = {"left": main, "foresight": cells}
+    if "cure" in tables:
+        rare = tables["cure"].filter(
+            pl.col("low") > 1,
+            pl.col("speed against PPO") > 0.25,
+            (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah"),
+        )
+        ratio = pl.format("{} [{}, {}]", *(pl.col(name).round(1) for name in ("ratio to PPO", "low", "high")))
+        found["cure"] = rare.select(
+            *("seeds", "task", "method", "runs", "failures", pl.col("steps between failures").cast(pl.Int64)),
+            ratio.alias("ratio to PPO"),
+            pl.col("speed against PPO").round(2),
+        )
     if "claims" in tables:
         alone = tables["claims"].filter(pl.col("runs") == 10, pl.col("decision").is_null())
         numbers = (pl.col("left mean", "right mean", "left speed", "right speed").round(2), pl.col("p").round(3))

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from studies.disturbance.cure import cure_table
 from studies.disturbance.grid import CONDITIONS, subjects
 from studies.disturbance.study import plan
 from studies.disturbance.tables import all_tables, auc
@@ -83,3 +84,21 @@ def test_every_subject_is_planned_once_under_every_condition():
     everywhere = sum(not condition.world for condition in CONDITIONS)
     walkers = sum(subject.task == "Walker2d-v3" for subject in subjects())
     assert len(keys) == len(set(keys)) == everywhere * len(list(subjects())) + walkers
+
+
+def test_cure_compares_steps_between_failures_with_those_of_ppo() -> None:
+    fragile = {run: [500, 600] for run in range(5)}
+    sturdy = {run: [STEPS, STEPS] for run in range(4)} | {4: [STEPS, 1000]}
+    rows = [
+        row | {"training_rate": rate, "idle_rate": 1.0, "published_rate": 5.0}
+        for method, lives, rate in (("ppo@cleanrl", fragile, 5.0), ("geometric@cleanrl", sturdy, 4.6))
+        for row in episodes(method, "standard-1", lives)
+    ]
+    found = {row["method"]: row for row in cure_table(pl.DataFrame(rows), "0 to 4").iter_rows(named=True)}
+    ppo, geometric = found["discounted PPO"], found["geometric time-to-go, C = 500"]
+    assert (ppo["failures"], ppo["steps between failures"]) == (10, pytest.approx(5500 / 11))
+    assert (geometric["failures"], geometric["steps between failures"]) == (1, pytest.approx(91_000 / 2))
+    assert geometric["ratio to PPO"] == pytest.approx(91.0)
+    assert geometric["low"] > 3.0
+    assert geometric["speed against PPO"] == pytest.approx(0.9)
+    assert (ppo["reaches the goal"], geometric["reaches the goal"]) == ("no", "yes")
