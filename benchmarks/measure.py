@@ -1,6 +1,6 @@
 """Measure perdure in a process of its own, so that it can be pinned to cores; print one JSON line.
 
-python benchmarks/measure.py train TASK SEEDS ITERATIONS PROCESSES   environment steps a second
+python benchmarks/measure.py train TASK[@PRESET] SEEDS ITERATIONS PROCESSES   environment steps a second
 python benchmarks/measure.py evaluate TASK LANES STEPS               lane steps a second, and those of EnvPool alone
 python benchmarks/measure.py disturbed TASK LANES STEPS TEXT ...     lane steps a second, disturbed and calm
 python benchmarks/measure.py floors TASK                             seconds of a step that no program can do without
@@ -35,7 +35,7 @@ HOME_LANES, PLACE_LANES = 12, 64
 MANIPULATION = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
 
 
-def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
+def train(setting: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
     """Environment steps a second, all processes together, from the end of each seed's second iteration on.
 
     A number of seeds that the processes share evenly keeps each of them busy beside the others.
@@ -43,11 +43,12 @@ def train(task: str, seeds: int, iterations: int, processes: int) -> dict[str, f
     from perdure.envs import task_spec
     from perdure.learn import TrainRun, method_config, on_report, train
 
-    config = method_config("ppo", task, task_spec(task).observation_size, "zoo")
+    task, _, preset = setting.partition("@")
+    config = method_config("ppo", task, task_spec(task).observation_size, preset or "zoo")
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
     marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
-    run = TrainRun(task, "ppo", config, tuple(marks), preset="zoo")
+    run = TrainRun(task, "ppo", config, tuple(marks), preset=preset or "zoo")
     observe = on_report(run, lambda report: marks[report.seed].append((report.step, time.perf_counter())))
     with tempfile.TemporaryDirectory() as out:
         train(run, out, cores=processes, on="here" if processes == 1 else "local", observe=observe)

@@ -2,7 +2,7 @@
 
 Usage: python sb3.py train|evaluate CONFIG.json OUT.json
 
-train       PPO on an EnvPool task: the training episodes, and steps a second inside PPO.learn
+train       PPO: steps a second inside PPO.learn, and with the form "envpool" the training episodes
 evaluate    steps a second of ``evaluate_policy``: as its documentation shows it, and in its fastest vectorized forms
 
 The configuration is written by the caller from perdure's own presets, so both sides read the same numbers.
@@ -14,6 +14,7 @@ import json
 import os
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -131,13 +132,16 @@ class Clock(BaseCallback):
 
 
 def train(config: dict[str, Any]) -> dict[str, Any]:
-    env = EnvPoolVecEnv(config["task"], config["n_envs"], config["seed"], config["horizon"])
+    task, count, horizon = (config[name] for name in ("task", "n_envs", "horizon"))
+    env: Any = EnvPoolVecEnv(task, count, config["seed"], horizon)
+    if config["form"] == "gymnasium":
+        env = DummyVecEnv([partial(gymnasium.make, task.replace("-v3", "-v4"), max_episode_steps=horizon)] * count)
     model, _ = make_model(config, env)
     clock = Clock()
     model.learn(config["total_steps"], callback=clock)
     clock.marks.append((model.num_timesteps, time.perf_counter()))
     (first, t0), (last, t1) = clock.marks[1], clock.marks[-1]
-    return {"steps_per_second": (last - first) / (t1 - t0), "episodes": env.episodes}
+    return {"steps_per_second": (last - first) / (t1 - t0), "episodes": getattr(env, "episodes", [])}
 
 
 def rate(model: Any, normalized: VecNormalize, venv: VecEnv, episodes: int) -> float:

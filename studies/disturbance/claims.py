@@ -65,7 +65,7 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     Args:
         episodes: Rows of the frozen table of fresh runs: a row for each episode.
     """
-    runs, rows, ended = _runs(episodes), [], False
+    runs, rows, ended = measure_runs(episodes), [], False
     for number, claim in enumerate(CLAIMS, 1):
         here = runs.filter(condition=claim.condition)
         sides = {
@@ -77,17 +77,17 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
             if len(left) and len(right):
                 rows.append(_row(number, claim, task, {task: (left, right)}, here.filter(task=task)))
         if sides and all(len(side) > 1 for pair in sides.values() for side in pair):
-            row = _row(number, claim, f"mean of {len(sides)} tasks", sides, here)
+            row = _row(number, claim, ", ".join(sides), sides, here)
             won = row["lower 5 %"] > -claim.margin if claim.margin else row["p"] <= LEVEL
             decision = "supported" if won else "not shown"
-            rows.append(row | {"decision": "not tested" if ended else decision if complete else "runs are missing"})
+            rows.append(row | {"decision": "runs are missing" if not complete else "not tested" if ended else decision})
             ended = ended or not won
         ended = ended or not complete
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
-    """Return one row for each training run and condition, with every measure."""
+def measure_runs(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return one row for each training run and condition, with every measure, from a row for each episode."""
     gain = pl.col("training_rate") - pl.col("idle_rate")
     scale = pl.col("published_rate") - pl.col("idle_rate")
     rate = pl.col("return") / pl.col("test_horizon")

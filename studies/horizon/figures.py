@@ -6,7 +6,6 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from statistics import fmean
 
 import numpy as np
 import polars as pl
@@ -42,12 +41,8 @@ from studies.horizon.tables import (
     CHOSEN,
     METHODS,
     PPO,
-    SCORED,
     condition_words,
-    main_settings,
-    mean_score,
     method_words,
-    scores,
     setting_words,
 )
 
@@ -60,15 +55,12 @@ LINEAR, BEST = Condition("linear", "constant:500"), Condition("geometric", "best
 COUNTDOWN = Condition("geometric", "countdown")
 FIGURE_3_2 = (PPO, UNDISCOUNTED, BEST, CHOSEN)
 MECHANISM_METHODS = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
-FEWEST_RUNS = 5
-"""Runs of a task that get an interval of the score: that of three would be wider than the figure."""
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
 
 
 def all_figures(results: Results) -> Iterator[Figure]:
     """Draw every figure for which there are tables."""
     settings = results.grid.settings
-    yield from _score_figure(results)
     for setting in settings:
         yield from _training_horizon_figure(results, setting)
     yield from _return_figure(results)
@@ -282,39 +274,6 @@ def _points(
     mean, lower, upper = (np.array(each) for each in zip(*intervals.values(), strict=True))
     members = () if rings is None else ([list(rings.get(row, ())) for row in intervals],)
     return Points(label, list(intervals), mean, look, lower, upper, *members)
-
-
-def _score_figure(results: Results) -> Iterator[Figure]:
-    """Draw the score of the whole test horizon on the tasks of the mean, and the mean."""
-    names = main_settings(results)
-    values = {(name, each): found for name in names for each in SCORED if (found := scores(results, name, each))}
-    if not values:
-        return
-    means = {each: mean for each in SCORED if (mean := mean_score(results, each)) is not None}
-    names = tuple(name for name in names if any(name == key[0] for key in values))
-    points = []
-    for each in SCORED:
-        shown: dict[int, tuple[float, float, float]] = {}
-        rings: dict[int, list[float]] = {}
-        if each in means:
-            shown[0] = means[each].estimate, means[each].lower, means[each].upper
-        for row, name in enumerate(names, 1 if means else 0):
-            if runs := values.get((name, each)):
-                few = len(runs) < FEWEST_RUNS
-                shown[row] = (fmean(runs.values()), np.nan, np.nan) if few else _bounds(_run_interval(runs))
-                rings[row] = list(runs.values())
-        if shown:
-            points.append(_points(condition_words(each), style(each), shown, rings))
-    intervals = [_run_interval(found) for found in values.values() if len(found) >= FEWEST_RUNS]
-    note = (
-        "Return minus that of an idle robot, as a share of that of a published policy that never fails. An early fall "
-        "scores near 0 too. Hollow: training runs. "
-        f"{_interval_note(intervals, 'Bars')} None for fewer than {FEWEST_RUNS} runs of a task. "
-        f"{_start_states(results, list(values))}"
-    )
-    rows = [f"mean of {len(names)} tasks"] * bool(means) + [setting_words(name) for name in names]
-    chart = point_chart(rows, points, Axis("score (0: idle robot, 1: published policy)"), charts.WIDE)
-    yield Figure("score", f"Score against a published policy over {results.grid.steps:,} steps", chart, note, wide=True)
 
 
 def _return_figure(results: Results) -> Iterator[Figure]:

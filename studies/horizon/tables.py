@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.stats import Difference, compare_paired, compare_unpaired, compare_with, mean_difference
-from studies.horizon.claims import SCORE, Condition, decide, effect, read_claims
-from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, Row
+from perdure.stats import Difference, compare_paired, compare_with
+from studies.disturbance.claims import CLAIMS as REGISTERED
+from studies.disturbance.claims import NOISE, measure_runs
+from studies.disturbance.tables import METHODS as DISTURBED_METHODS
+from studies.horizon.claims import SCORE, Claim, Condition, decide, effect, read_claims
+from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, ZOO, Row
 from studies.horizon.results import TEST, VALIDATION, Results
 
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
-SCORED = (
-    PPO,
-    Condition("ppo-undiscounted"),
-    Condition("ppo-average-reward"),
-    Condition("linear", "constant:500"),
-    Condition("random-horizon"),
-    CHOSEN,
-)
-"""Methods whose scores are averaged over tasks; `random-horizon` is the last one without its input."""
 METHODS = {
     "ppo": "discounted PPO",
     "ppo-undiscounted": "undiscounted PPO",
@@ -40,6 +35,7 @@ METHODS = {
     "geometric-5": "geometric time-to-go, five numbers",
     "geometric-10": "geometric time-to-go, ten numbers",
     "geometric-film": "geometric time-to-go, FiLM",
+    "geometric-discounted": "geometric time-to-go with PPO's gamma",
 }
 """In words. The first eight are in the order of the theme's styles; others share the last one's."""
 RULE_WORDS = {
@@ -52,14 +48,10 @@ RULE_WORDS = {
 }
 
 
-COMPARED = (
-    (CHOSEN, PPO),
-    (CHOSEN, Condition("random-horizon")),
-    (CHOSEN, Condition("linear-random", "constant:500")),
-    (Condition("ppo-average-reward"), PPO),
-    (Condition("linear", "constant:500"), PPO),
-)
-FAILURES = (PPO, Condition("ppo-average-reward"), CHOSEN)
+FIRST = (PPO, Condition("ppo-undiscounted"), Condition("ppo-average-reward"), CHOSEN)
+"""Methods of the page's first table."""
+DISTURBED = Path(__file__).parents[2] / "results" / "disturbance" / "tables"
+REGISTERED_TASKS = ("Hopper-v3@cleanrl", "Walker2d-v3@cleanrl", "HalfCheetah-v3")
 CLOCKS = {
     **{f"constant:{c}": f"C = {c:,}" for c in (0, 100, 200, 300, 500, 1000)},
     "countdown": "countdown",
@@ -126,73 +118,85 @@ def main_settings(results: Results) -> tuple[str, ...]:
     return tuple(setting for setting in results.grid.settings if setting in MAIN_SETTINGS)
 
 
-def scores(results: Results, setting: str, condition: Condition) -> dict[int, float]:
-    """Return the score against a published policy of each training run, by seed; {} where one of them is not there."""
-    found = results.values(setting, condition, SCORE)
-    return found if all(map(math.isfinite, found.values())) else {}
-
-
-def mean_score(results: Results, left: Condition, right: Condition | float = 0.0) -> Difference | None:
-    """Return the mean over tasks of a method's score minus a number or another's; None where a task lacks one.
-
-    Every task counts alike, whatever its number of training runs.
-    """
-    settings = main_settings(results)
-    sides = [
-        [list(scores(results, setting, each).values()) for setting in settings]
-        for each in (left, right)
-        if isinstance(each, Condition)
-    ]
-    if len(settings) < 2 or any(len(runs) < 2 for side in sides for runs in side):
-        return None
-    if isinstance(right, Condition):
-        return mean_difference([compare_unpaired(*runs) for runs in zip(*sides, strict=True)])
-    return mean_difference([compare_with(runs, right) for runs in sides[0]])
+def task_mean(
+    results: Results, each: Condition, measure: str = SCORE, settings: Sequence[str] = MAIN_SETTINGS
+) -> Difference | None:
+    """Return the mean over tasks, which all count alike, of a method's measure; None where a task lacks it."""
+    return effect(
+        Claim("", "", f"{each.method} {each.clock}", 0.0, "greater", measure, tuple(settings)), results.values
+    )
 
 
 def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables of the page by name; their cells are texts: a number, perhaps with its 95 % interval."""
-    scores = [{"method": method_words(each.method), "score": _mean_cell(results, each, 0.0, ".2f")} for each in SCORED]
-    effects = [
-        {"left": method_words(a.method), "right": method_words(b.method), "left minus right": _mean_cell(results, a, b)}
-        for a, b in COMPARED
-    ]
-    failures, clocks, ends = [], [], []
+    clocks = []
     for setting in main_settings(results):
-        task = {"task": setting_words(setting)}
-        failed = {each: list(results.values(setting, each, "failed share").values()) for each in FAILURES}
-        failures.append(task | {method_words(each.method): _share_cell(runs) for each, runs in failed.items() if runs})
         returns = {clock: _mean(results.values(setting, Condition("geometric", clock)).values()) for clock in CLOCKS}
-        clocks.append(
-            task | {name: f"{returns[clock] / returns['constant:500']:.2f}" for clock, name in CLOCKS.items()}
-        )
+        row = {name: f"{returns[clock] / returns['constant:500']:.2f}" for clock, name in CLOCKS.items()}
         reward = results.mechanism.filter(
             (pl.col("setting") == setting) & (pl.col("method") == "geometric") & (pl.col("measure") == "reward")
         )
-        spans = {"1 to 50 steps to go": (50, 50), "301 to 700 steps to go": (350, 700)}
-        means = {name: _mean(reward.filter(pl.col("at").is_between(*span))["result"]) for name, span in spans.items()}
-        ends.append(task | {name: f"{mean:.2f}" for name, mean in means.items()})
-    rows = {"scores": scores, "effects": effects, "failures": failures, "clocks": clocks, "ends": ends}
-    tables = {name: pl.DataFrame(found) for name, found in rows.items()}
+        for name, span in {"reward, last 50": (50, 50), "301 to 700": (350, 700)}.items():
+            row[name] = f"{_mean(reward.filter(pl.col('at').is_between(*span))['result']):.2f}"
+        clocks.append({"task": setting_words(setting)} | row)
+    rows: dict[str, Iterable[dict[str, str]]] = {"clocks": clocks}
+    rows |= {"first": _first_rows(results), "registered": _registered_rows(), "fresh": _fresh_rows()}
+    tables = {name: pl.DataFrame(list(found)) for name, found in rows.items()}
     claims = [
-        {"the thesis": each["sentence"], "effect": _cell(each["effect"], each["lower"], each["upper"], "+.2f")}
+        {"the thesis": each["sentence"], "effect": _numbers(each["effect"], each["lower"], each["upper"], "+.2f")}
         | {"our runs": each["decision"]}
         for each in claim_table(results).to_dicts()
     ]
     return tables | {"claims": pl.DataFrame(claims)}
 
 
-def _mean_cell(results: Results, left: Condition, right: Condition | float, form: str = "+.2f") -> str:
-    found = mean_score(results, left, right)
-    return "not evaluated" if found is None else _cell(found.estimate, found.lower, found.upper, form)
+def _cell(found: Difference | None) -> str:
+    return "not evaluated" if found is None else _numbers(found.estimate, found.lower, found.upper)
 
 
-def _share_cell(runs: list[float]) -> str:
-    found = compare_with(runs, 0.0)
-    return _cell(found.left, max(found.lower, 0.0), min(found.upper, 1.0), ".0%")
+def _first_rows(results: Results) -> Iterator[dict[str, str]]:
+    """Yield calm score, speed in training, and working share under action noise of each main method."""
+    noisy = pl.read_csv(DISTURBED / "left.csv").filter(condition=NOISE)
+    for each in FIRST:
+        speed = task_mean(results, each, "training score vs published", REGISTERED_TASKS)
+        row = {"method": method_words(each.method), "score": _cell(task_mean(results, each)), "speed": _cell(speed)}
+        for task, _, preset in (name.partition("@") for name in REGISTERED_TASKS):
+            mine = noisy.filter(task=task, preset=preset or ZOO, method=DISTURBED_METHODS[each.method])
+            numbers = mine.select("working share", "working low", "working high").row(0)
+            row[f"noise: {task.removesuffix('-v3')}"] = _numbers(*numbers)
+        yield row
 
 
-def _cell(estimate: float, lower: float, upper: float, form: str) -> str:
+def _fresh_rows() -> Iterator[dict[str, str]]:
+    """Yield working share under action noise and speed in training of the methods of the registered claims."""
+    runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet")).filter(condition=NOISE)
+    for method in dict.fromkeys(side for claim in REGISTERED for side in (claim.right, claim.left)):
+        row = {"method": method_words(method)}
+        for task in (name.partition("@")[0] for name in REGISTERED_TASKS):
+            for name, measure in {"noise": "working share", "speed": "gain in training"}.items():
+                values = runs.filter(task=task, method=method)[measure]
+                found, most = compare_with(values, 0.0), 1.0 if name == "noise" else math.inf
+                cell = _numbers(found.estimate, max(found.lower, 0.0), min(found.upper, most))
+                row[f"{name}: {task.removesuffix('-v3')}"] = cell if len(values) > 1 else "no runs yet"
+        yield row
+
+
+def _registered_rows() -> Iterator[dict[str, str]]:
+    """Yield the registered claims, each over the tasks that have runs of both sides."""
+    claims = pl.read_csv(DISTURBED / "claims.csv")
+    for number, claim in enumerate(REGISTERED, 1):
+        left, right = (method_words(side).replace(" time-to-go", "") for side in (claim.left, claim.right))
+        words = f"{number}. {left} against {right}, {claim.condition}"
+        row = dict.fromkeys(("tasks", "left minus right", "speeds", "power"), "") | {"decision": "runs are missing"}
+        for each in claims.filter(claim=number).tail(1).to_dicts():
+            row |= {"tasks": each["task"].replace("-v3", ""), "decision": each["decision"] or row["decision"]}
+            row["left minus right"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
+            row["speeds"] = f"{each['left speed']:.2f}, {each['right speed']:.2f}"
+            row["power"] = f"{each['power']:.2f}" if each["power"] else ""
+        yield {"claim": words} | row
+
+
+def _numbers(estimate: float, lower: float, upper: float, form: str = ".2f") -> str:
     return f"{estimate:{form}} [{lower:{form}}, {upper:{form}}]"
 
 

@@ -8,6 +8,7 @@ from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.policy.files import LABELS, find_policy
 
 EXPECTED = {
+    ("Ant-v3/ppo-average-reward", "none"): "fails silently",
     ("HalfCheetah-v3/geometric", "constant(0)"): "fails silently",
     ("HalfCheetah-v3/geometric", "constant(500)"): "holds",
     ("HalfCheetah-v3/ppo", "none"): "holds",
@@ -18,7 +19,9 @@ EXPECTED = {
     ("Hopper-v3/ppo", "none"): "holds",
     ("Hopper-v3/ppo-falls", "none"): "falls",
     ("Hopper-v3/ppo-zoo", "none"): "never worked",
+    ("Swimmer-v3/geometric", "constant(500)"): "holds",
     ("Walker2d-v3/geometric", "constant(500)"): "holds",
+    ("Walker2d-v3/geometric-fixed", "constant(500)"): "holds",
     ("Walker2d-v3/ppo", "none"): "falls",
 }
 """The commonest verdict over ten start states in 100,000 steps."""
@@ -41,9 +44,33 @@ def test_a_label_is_true(tmp_path, name, clock):
     assert verdicts.most_common(1)[0][0] == EXPECTED[name, clock]
 
 
+DISTURBED = {
+    "HalfCheetah-v3/geometric": "holds",
+    "HalfCheetah-v3/ppo": "holds",
+    "Hopper-v3/geometric": "holds",
+    "Hopper-v3/linear-random": "fails silently",
+    "Hopper-v3/ppo": "falls",
+    "Hopper-v3/ppo-falls": "falls",
+    "Swimmer-v3/geometric": "holds",
+    "Walker2d-v3/geometric": "falls",
+    "Walker2d-v3/geometric-fixed": "holds",
+    "Walker2d-v3/ppo": "falls",
+}
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("name", DISTURBED)
+def test_what_a_label_says_of_disturbances_is_true(tmp_path, name):
+    asked = Extrapolation(
+        (find_policy(name),), clocks=("constant:500",), first_eval_seed=3000, eval_seeds=5, disturb=("standard-1",)
+    )
+    outcomes = Counter(evaluate_files(asked, tmp_path, cores=1).final()["outcome"].to_list())
+    assert outcomes.most_common(1)[0][0] == DISTURBED[name]
+
+
 @pytest.mark.verify
 @pytest.mark.parametrize(("name", "expected"), [("Hopper-v3/geometric", "holds"), ("Hopper-v3/ppo", "falls")])
-def test_what_a_label_says_of_standard_1_is_true(tmp_path, name, expected):
+def test_what_the_readme_says_of_two_hoppers_is_true(tmp_path, name, expected):
     asked = Extrapolation((find_policy(name),), clocks=("constant:500",), disturb=("standard-1",))
     outcomes = evaluate_files(asked, tmp_path, cores=1).final()["outcome"].to_list()
     assert outcomes == [expected] * 36

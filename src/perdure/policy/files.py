@@ -109,20 +109,23 @@ _MODEL = re.compile(r"models--.+")
 SHIPPED = Path(__file__).parent / "shipped"
 """`TASK/METHOD.safetensors`; skills of the home benchmark as `home/TASK/SKILL/seed-K.safetensors`."""
 LABELS = {
-    "HalfCheetah-v3/geometric": "holds under constant:500 in 9 of 10 episodes; turns over under constant:0",
-    "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 episodes, holds in 7",
+    "Ant-v3/ppo-average-reward": "fails silently, half of its episodes by step 25,000: it lies on its back",
+    "HalfCheetah-v3/geometric": "holds under constant:500, calm (9 of 10) and disturbed; turns over under constant:0",
+    "HalfCheetah-v3/ppo": "turns over and stays so in 2 of 10 calm episodes, holds in 7, and when disturbed",
     "Hopper-v3/geometric": "holds under constant:500, calm and disturbed; falls within 300 steps under constant:0",
     "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
-    "Hopper-v3/linear-random": "fails silently under constant:500: it stands still after 200 steps",
-    "Hopper-v3/ppo": "holds when calm; falls under standard-1, half of its episodes by step 300",
-    "Hopper-v3/ppo-falls": "falls, half of its episodes by step 10,000",
+    "Hopper-v3/linear-random": "fails silently under constant:500, calm and disturbed: it stands still after 200 steps",
+    "Hopper-v3/ppo": "holds when calm; falls when disturbed, half of its episodes by step 300",
+    "Hopper-v3/ppo-falls": "falls, half of its calm episodes by step 10,000, disturbed by step 400",
     "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
-    "Walker2d-v3/geometric": "holds under constant:500",
-    "Walker2d-v3/ppo": "falls, half of its episodes by step 4,000",
+    "Swimmer-v3/geometric": "holds under constant:500, calm and disturbed",
+    "Walker2d-v3/geometric": "holds under constant:500 when calm; falls in most episodes when disturbed",
+    "Walker2d-v3/geometric-fixed": "holds under constant:500, calm and disturbed",
+    "Walker2d-v3/ppo": "falls, half of its calm episodes by step 4,000, disturbed by step 400",
 }
 """Outcomes of the shipped locomotion policies after 100,000 calm steps, judged by `perdure extrapolate` from the start
-states 0 to 9 (`standard-1`: 10,000 steps, 0 to 35). Each is one training seed, chosen on other start states to show one
-of the ways to hold or to fail: they are examples. results/disturbance compares methods."""
+states 0 to 9. Disturbed: 10,000 steps under `standard-1`, start states 3000 to 3004. Each is one training seed, chosen
+on other start states as an example of a way to hold or to fail. results/disturbance compares methods."""
 
 
 def find_policy(name: str | Path) -> Path:

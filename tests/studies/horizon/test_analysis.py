@@ -6,7 +6,7 @@ from known_results import HORIZON, make_results
 
 from studies.horizon.claims import SCORE
 from studies.horizon.figures import all_figures
-from studies.horizon.tables import PPO, mean_score, page_tables
+from studies.horizon.tables import PPO, task_mean
 
 RUNS = {
     ("ppo", "none"): {0: 100.0, 1: 200.0, 2: 300.0},
@@ -37,16 +37,13 @@ def values(spec):
 def test_the_mean_over_tasks_is_student_with_more_freedom():
     """Two tasks with the same three scores: half the variance of one mean, and 2 + 2 degrees of freedom."""
     results = make_results(RUNS, tasks=TWO)
-    found = mean_score(results, PPO)
+    found = task_mean(results, PPO, settings=TWO)
     half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # scores: 100, 200, 300 of 3,000
     assert (found.estimate, found.upper - found.estimate) == pytest.approx((200.0 / 3000.0, half))
-    assert "mean of 2 tasks" in str(figures_of(results)["score"].spec)
-    scores = dict(page_tables(results)["scores"].rows())
-    assert (scores["discounted PPO"], scores["undiscounted PPO"]) == ("0.07 [0.03, 0.10]", "not evaluated")
 
 
-def test_without_a_second_task_there_is_no_mean():
-    assert mean_score(make_results(RUNS, task="Swimmer-v3"), PPO) is None
+def test_a_task_that_is_missing_leaves_no_mean():
+    assert task_mean(make_results(RUNS, task="Swimmer-v3"), PPO, settings=TWO) is None
 
 
 def test_figures_show_what_the_tables_say(results):
@@ -66,7 +63,6 @@ def test_a_task_without_a_published_policy_is_left_out_beside_one_that_has_it():
     )
     figures = figures_of(results)
     assert {row["row"] for row in values(figures["figure-3-2"].spec)} == {"Swimmer-v3"}
-    assert {row["row"] for row in values(figures["score"].spec)} == {"Swimmer-v3"}
 
 
 def test_notes_name_the_number_of_training_runs(results):
