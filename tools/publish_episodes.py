@@ -8,7 +8,6 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from perdure.home.sim.objects import YcbObjects
 from perdure.home.tasks.episodes import EpisodeSet, write_episodes
 from perdure.home.tasks.generation import generate_episodes
 from perdure.home.tasks.tasks import TASKS
@@ -17,12 +16,11 @@ PUBLISHED = ("val", "eval")
 """The splits that are published; training draws its own."""
 
 
-def publish(folder: Path, models: YcbObjects, seed: int = 0) -> dict[str, Counter[str]]:
+def publish(folder: Path, seed: int = 0) -> dict[str, Counter[str]]:
     """Write the `val` and `eval` episodes of every task into a folder.
 
     Args:
         folder: Where to write them; made when missing.
-        models: The objects.
         seed: Another seed gives other episodes; the published ones are those of seed 0.
 
     Returns:
@@ -33,7 +31,7 @@ def publish(folder: Path, models: YcbObjects, seed: int = 0) -> dict[str, Counte
     for task in TASKS:
         for split in PUBLISHED:
             thrown: Counter[str] = Counter()
-            made = generate_episodes(task, split, models, seed, partial(_count, thrown))
+            made = generate_episodes(task, split, seed, partial(_count, thrown))
             made_with = {"seed": str(seed), "mujoco": version("mujoco")}
             write_episodes(folder / f"{task}_{split}.json", EpisodeSet(task, split, made_with, made.episodes))
             refusals[f"{task}_{split}"] = thrown
@@ -46,4 +44,4 @@ def _count(thrown: Counter[str], reason: str) -> None:
 
 
 if __name__ == "__main__":
-    publish(Path(sys.argv[1]), YcbObjects())
+    publish(Path(sys.argv[1]))

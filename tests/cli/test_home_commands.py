@@ -1,6 +1,5 @@
 """``perdure home``: what its commands print and leave behind, and how they refuse."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -8,13 +7,8 @@ import pytest
 
 from perdure.cli.home import parse_policies
 from perdure.errors import PerdureError
-from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.files import write_logs
-from perdure.home.evaluate.protocol import EvaluationProtocol
-from perdure.home.sim.scene import SceneOptions
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
-from home_stories import good
 
 
 def succeeded(process):
@@ -122,18 +116,6 @@ def test_what_a_user_gets_wrong_ends_in_one_line(command, tmp_path, arguments, m
     assert len(process.stderr.strip().splitlines()) == 1, process.stderr
     assert message in process.stderr
     assert not list(tmp_path.iterdir())
-
-
-def test_overlaps_reads_the_shape_of_the_apple_from_the_protocol(command, monkeypatch, tmp_path):
-    asked = []
-    monkeypatch.setattr("perdure.home.evaluate.outcomes.overlap_depth", lambda *given: asked.append(given[2]) or 0.0)
-    options = ExecutorOptions(scene=SceneOptions(apple="hull"))
-    notes = {"protocol": json.dumps(EvaluationProtocol("set_table", options=options).to_json())}
-    for name, found, shape in (("usual", {}, "sphere"), ("other", notes, "hull")):
-        write_logs(tmp_path / f"{name}.parquet", [good()], found)
-        succeeded(command("home", "overlaps", f"{name}.parquet", cwd=tmp_path))
-        assert set(asked) == {shape}
-        asked.clear()
 
 
 def test_the_word_oracle_alone_means_every_skill():

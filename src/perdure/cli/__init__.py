@@ -34,7 +34,6 @@ HOME_USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
   perdure home analyze LOGS --out PAGE       success per stage, failure causes, placements; with --out as a page
   perdure home failures LOGS                 failed episodes, drawn at random, in pictures: is the label right?
-  perdure home overlaps LOGS                 objects at rest that lie inside each other: is the simulation sound?
 
 Each command explains its options with --help.
 """

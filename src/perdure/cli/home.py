@@ -72,9 +72,9 @@ def list_names() -> None:
     for name, kind in SKILLS.items():
         skills.add_row(name, str(kind().limit), str(len(kind().elements)), kind.success_text)
     kinds = Table("object", "size [mm]", "mass [g]", "shape", title="Objects")
-    for each in KINDS.values():
+    for name, each in KINDS.items():
         size = " x ".join(f"{1000 * side:.0f}" for side in each.size)
-        kinds.add_row(each.name, size, f"{1000 * each.mass:.0f}", each.shape)
+        kinds.add_row(name, size, f"{1000 * each.mass:.0f}", each.shape)
     for table in (tasks, skills, kinds):
         for column in table.columns[:-1]:
             column.no_wrap = True
@@ -390,35 +390,6 @@ def failures(
         sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: {reason}")
 
 
-def overlaps(logs: Logs, deeper_than: float = 0.005) -> None:
-    """List pairs of objects at rest that overlap after the last step of logged episodes; exit code 1 if there are any.
-
-    This checks the simulation: solid objects cannot lie inside each other. Depths are computed from the poses in the
-    logs.
-
-    Args:
-        deeper_than: Depth in [m] up to which an overlap is not listed: contacts are slightly soft.
-    """
-    from perdure.home.evaluate.files import read_log_file
-    from perdure.home.evaluate.outcomes import find_overlaps
-    from perdure.home.evaluate.protocol import noted_protocol
-
-    episodes = unknown = found = 0
-    for path in log_files(logs):
-        records, notes = read_log_file(path)
-        apple = noted_protocol(notes, path).options.scene.apple if "protocol" in notes else WorldOptions.apple
-        episodes += len(records)
-        unknown += sum(not record.final_objects for record in records)
-        for overlap in find_overlaps(records, deeper_than, apple):
-            found += 1
-            first, second = (f"{overlap.log.final_objects[k].kind} ({k})" for k in (overlap.first, overlap.second))
-            print(f"{overlap.log.name}: {first} and {second}, {1000 * overlap.depth:.1f} mm", flush=True)
-    checked = f"{episodes - unknown:,} episodes checked" + (f", {unknown:,} have no final poses" if unknown else "")
-    print(f"{checked}: {found} pairs at rest overlap by more than {1000 * deeper_than:g} mm")
-    if found:
-        raise SystemExit(1)
-
-
 COMMANDS: dict[str, Callable[..., None]] = {
     "list": list_names,
     "episode": episode,
@@ -429,7 +400,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "run": run,
     "analyze": analyze_logs,
     "failures": failures,
-    "overlaps": overlaps,
 }
 
 

@@ -39,7 +39,7 @@ from perdure.home.agents.motions import (
 )
 from perdure.home.sim import occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.objects import YcbObjects
+from perdure.home.sim.objects import get_kind
 from perdure.home.sim.occupancy import apartment_footprints, free_space
 from perdure.home.sim.pieces import Apartment, Pose
 from perdure.home.sim.scene import CONTROL_HZ, Handles
@@ -351,7 +351,7 @@ def plan_place(
 ) -> ReachPlan | None:
     """Return where to stand and how to bring the held object to its goal."""
     held = query.simulator.held
-    half = YcbObjects().box(query.simulator.scene.placements[held].kind)[1][2] if held >= 0 else PALM
+    half = get_kind(query.simulator.scene.placements[held].kind).half[2] if held >= 0 else PALM
     gripper_goals = place_gripper_goals(
         goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), query.in_fridge(goal)
     )

@@ -26,13 +26,14 @@ from perdure.errors import PerdureError, lookup
 from perdure.home.sim import furniture, occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.geoms import (
+    BUMPER_BIT,
     COLLIDES_AND_SEEN,
     FRICTION,
     HIDDEN,
     ONLY_COLLIDES,
     ONLY_SEEN,
+    ROBOT_BIT,
     WALL,
-    add_joint,
     geom_type,
 )
 from perdure.home.sim.occupancy import CLIMB, REACH_UP, FreeSpace, footprints, free_space
@@ -69,9 +70,8 @@ class Layout(Record, frozen=True):
     """Possible places by kind of piece. Their order matters: random numbers are drawn in it."""
 
 
-LAYOUTS: tuple[Layout, ...] = read_json(
-    (Path(__file__).parents[1] / "data" / "layouts.json").read_bytes(), tuple[Layout, ...]
-)
+_DATA = Path(__file__).parents[1] / "data"
+LAYOUTS: tuple[Layout, ...] = read_json((_DATA / "layouts.json").read_bytes(), tuple[Layout, ...])
 NAMES = {"chair_01": ("chair_01_0", "chair_01_1"), "plant": ("plant_0", "plant_1")}
 """Names of the kinds of which an apartment has several pieces."""
 MICROS = 21
@@ -214,55 +214,23 @@ def farthest_point(apartment: Apartment, receptacle: Receptacle, space: FreeSpac
     return float(space.nearest(points)[1].max())
 
 
-GROUPS = {"solid": COLLIDES_AND_SEEN, "wall": WALL, "look": ONLY_SEEN, "hull": ONLY_COLLIDES}
+GROUPS = {"solid": COLLIDES_AND_SEEN, "look": ONLY_SEEN, "hull": ONLY_COLLIDES}
 """Geom groups by role."""
 
 
-def build_apartment(apartment: Apartment, spec: mujoco.MjSpec | None = None, *, visuals: bool = True) -> mujoco.MjSpec:
-    """Add an apartment to a MuJoCo specification.
-
-    Args:
-        apartment: What to build.
-        spec: Where to add it; a new one when None. Options such as the timestep are left alone.
-        visuals: Whether visual geometry is built (False makes a smaller model for training).
-
-    Returns:
-        The specification, not compiled.
-    """
+def build_apartment(apartment: Apartment, *, visuals: bool = True) -> mujoco.MjSpec:
+    """Return an apartment as a MuJoCo specification, not compiled; without `visuals` the model is smaller."""
     import mujoco
 
-    spec = mujoco.MjSpec() if spec is None else spec
-    _add_floor(spec, apartment)
+    spec = mujoco.MjSpec.from_file(str(_DATA / ("room_lit.xml" if visuals else "room.xml")))
+    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    floor = spec.geom("floor")
+    floor.pos[:2], floor.size[:2] = 0.5 * (low + high), 0.5 * (high - low) + 0.1
+    if visuals:
+        spec.light("sun").pos[:2] = np.mean(apartment.room, axis=0)
     for piece in (*apartment.walls, *apartment.pieces):
         _add_piece(spec, piece, visuals)
-    if visuals:
-        _add_light(spec, apartment)
     return spec
-
-
-def _add_floor(spec: Any, apartment: Apartment) -> None:
-    import mujoco
-
-    spec.add_texture(
-        name="floor",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=furniture.COLORS["floor"][:3],
-        rgb2=furniture.COLORS["floor_dark"][:3],
-        width=256,
-        height=256,
-    )
-    material = spec.add_material(name="floor", texrepeat=(1.25, 1.25), texuniform=True)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        pos=(*(0.5 * (low + high)), 0.0),
-        size=(*(0.5 * (high - low) + 0.1), 0.05),
-        material="floor",
-        friction=FRICTION,
-    )
 
 
 def _add_piece(spec: Any, piece: Piece, visuals: bool) -> None:
@@ -271,38 +239,48 @@ def _add_piece(spec: Any, piece: Piece, visuals: bool) -> None:
         name=piece.name, pos=(piece.pose.x, piece.pose.y, 0.0), quat=(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
     )
     for solid in piece.solids:
-        _add_solid(body, f"{piece.name}/{solid.name}", solid, visuals, "wall" if piece.kind == "wall" else None)
+        group = WALL if piece.kind == "wall" else GROUPS[solid.role]
+        _add_solid(body, f"{piece.name}/{solid.name}", solid, visuals, group, ROBOT_BIT | BUMPER_BIT)
     for moving in piece.articulations:
         _add_articulation(spec, body, piece, moving, visuals)
 
 
-def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: str | None = None) -> None:
+def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: int, conaffinity: int) -> None:
     if solid.role == "look" and not visuals:
         return
-    collides = int(solid.role != "look")
+    collides = solid.role != "look"
     body.add_geom(
         name=name,
         type=geom_type(solid.shape),
         pos=solid.center,
         size=(solid.half[0], solid.half[2], 0.0) if solid.shape == "cylinder" else solid.half,
         rgba=furniture.COLORS[solid.color],
-        group=GROUPS[group or solid.role],
-        contype=collides,
-        conaffinity=collides,
+        group=group,
+        contype=ROBOT_BIT if collides else 0,
+        conaffinity=conaffinity if collides else 0,
         friction=FRICTION,
         mass=0.0,
     )
 
 
 def _add_articulation(spec: Any, parent: Any, piece: Piece, moving: Articulation, visuals: bool) -> None:
+    import mujoco
+
     body = parent.add_body(name=moving.link, pos=moving.origin)
     center, inertia = _box_inertia(moving)
     body.mass, body.ipos, body.inertia, body.explicitinertial = moving.mass, center, inertia, True
-    joint = add_joint(spec, body, moving.joint, moving.kind, moving.axis, moving.limit)
+    hinge = moving.kind == "hinge"
+    joint = body.add_joint(
+        name=moving.joint,
+        type=mujoco.mjtJoint.mjJNT_HINGE if hinge else mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=moving.axis,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=np.degrees(moving.limit) if hinge else moving.limit,
+    )
     vector = np.ndim(joint.damping) > 0  # since MuJoCo 3.7
     joint.damping = [moving.damping, 0.0, 0.0] if vector else moving.damping
     for solid in moving.solids:
-        _add_solid(body, f"{piece.name}/{moving.link}/{solid.name}", solid, visuals)
+        _add_solid(body, f"{piece.name}/{moving.link}/{solid.name}", solid, visuals, GROUPS[solid.role], ROBOT_BIT)
     body.add_site(name=moving.handle_name, pos=moving.handle, size=(0.02, 0.02, 0.02), group=HIDDEN)
     spec.add_exclude(bodyname1=piece.name, bodyname2=moving.link)
 
@@ -314,31 +292,6 @@ def _box_inertia(moving: Articulation) -> tuple[np.ndarray, np.ndarray]:
     high = np.max([np.array(s.center) + s.half for s in solids], axis=0)
     square = (high - low) ** 2
     return 0.5 * (low + high), moving.mass / 12.0 * (square.sum() - square)
-
-
-def _add_light(spec: Any, apartment: Apartment) -> None:
-    import mujoco
-
-    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.42, 0.42, 0.42), (0.32, 0.32, 0.32)
-    spec.visual.headlight.specular = (0.05, 0.05, 0.05)
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.93, 0.94, 0.95),
-        rgb2=(0.78, 0.81, 0.84),
-        width=64,
-        height=384,
-    )
-    spec.worldbody.add_light(
-        name="sun",
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=(*np.mean(apartment.room, axis=0), 6.0),
-        dir=(0.12, 0.16, -1.0),
-        diffuse=(0.38, 0.37, 0.35),
-        specular=(0.05, 0.05, 0.05),
-        castshadow=True,
-    )
 
 
 def cut_away(model: Any, apartment: Apartment, eye: NDArray[np.float64]) -> None:

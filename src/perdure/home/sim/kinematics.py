@@ -26,8 +26,8 @@ from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.robot import ARM, ARM_HIGH, ARM_LOW, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO, TORSO_HEIGHT
 
-_AXES = tuple(link.axis.index(1.0) for link in ARM)
-_OFFSETS = np.array([link.origin for link in ARM])
+_AXES = tuple(joint.axis.index(1.0) for joint in ARM)
+_OFFSETS = np.array([joint.origin for joint in ARM])
 _LAST = np.array(GRIPPER_ORIGIN) + np.array(GRIPPER_POINT)
 
 

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import build_apartment
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
-from perdure.home.sim.geoms import BUMPER_BIT, HIDDEN
-from perdure.home.sim.objects import AppleShape, Placement, YcbObjects
-from perdure.home.sim.occupancy import CLIMB, REACH_UP
+from perdure.home.sim.objects import AppleShape, Placement, add_object
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.robot import JOINTS, add_fetch
 
@@ -385,17 +383,12 @@ def build_scene(
 
     `opened` are joint positions of drawers and doors at the start by link name, 0 where not given.
     """
-    import mujoco
-
     options = options or SceneOptions()
-    spec = mujoco.MjSpec()
+    spec = build_apartment(apartment, visuals=options.visuals)
     _set_physics(spec, options)
-    build_apartment(apartment, spec, visuals=options.visuals)
-    objects = YcbObjects(visuals=options.visuals, apple=options.apple)
     for number, placement in enumerate(placements):
-        objects.add(spec, placement.kind, f"object_{number}", placement.position, placement.quaternion)
+        add_object(spec, placement, f"object_{number}", visuals=options.visuals, apple=options.apple)
     add_fetch(spec, visuals=options.visuals)
-    add_base_bumper(spec, apartment)
     _add_holds(spec, apartment, len(placements))
     scene = Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
     if options.rolling == "drag":
@@ -414,42 +407,6 @@ def _set_physics(spec: Any, options: SceneOptions) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if options.sleep:
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
-
-
-BUMPER_RADIUS = 0.29
-"""In [m]; M3's 0.3 less 1 cm for the push of the wheels, 5 mm more than the base itself."""
-
-
-def add_base_bumper(spec: Any, apartment: Apartment) -> None:
-    """Add the base bumper to a specification with apartment and robot. Drawers and doors do not collide with it.
-
-    M3's base moves on a mesh that keeps 0.3 m from everything in a room up to 1.5 m high, and slides along its edge.
-    Here forces move the base. With only its own collision shapes the robot can drive under a table and get stuck
-    against a leg, because its wheels do not slip sideways.
-
-    The bumper is an upright capsule without friction. A cylinder will not do: at the corner of a box the general search
-    for contacts of MuJoCo 3.17 finds normals that let it through, while a capsule and a box have an equation of their
-    own. What is low meets the base itself.
-    """
-    import mujoco
-
-    for piece in (*apartment.walls, *apartment.pieces):
-        for geom in spec.body(piece.name).geoms:  # those of drawers and doors belong to bodies of their own
-            if geom.contype:
-                geom.conaffinity |= BUMPER_BIT
-    spec.body("robot").add_geom(
-        name="robot/base_bumper",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        pos=(0.0, 0.0, 0.5 * (CLIMB + REACH_UP)),
-        size=(BUMPER_RADIUS, 0.5 * (REACH_UP - CLIMB) - BUMPER_RADIUS, 0.0),
-        contype=BUMPER_BIT,
-        conaffinity=0,
-        condim=1,
-        priority=1,
-        mass=0.0,
-        group=HIDDEN,
-        rgba=(0.0, 0.0, 0.0, 0.0),
-    )
 
 
 def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:

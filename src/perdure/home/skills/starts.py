@@ -338,7 +338,7 @@ def carried(episode: Episode, target: int, opened: Mapping[str, float]) -> dict[
 
 POOL = 64
 """Episodes in a pool: one for each training apartment."""
-_MADE_BY = ("sim/*.py", "tasks/*.py", "data/layouts.json")
+_MADE_BY = ("sim/*.py", "tasks/*.py", "data/*.json", "data/*.xml")
 """Files that determine the episodes."""
 
 
@@ -384,12 +384,9 @@ def fingerprint() -> str:
 
 
 def _make(task: str, count: int, seed: int) -> EpisodeSet:
-    from perdure.home.sim.objects import YcbObjects
-
-    apartments, models = _spread(), YcbObjects()
-    made = []
+    apartments, made = _spread(), []
     for index in range(count):
-        made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], models, seed))
+        made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], seed))
         message = f"making training episodes of {task}: {index + 1} of {count}"
         if sys.stderr.isatty():
             print(f"\r{message}", end="\n" if index + 1 == count else "", file=sys.stderr, flush=True)

@@ -22,7 +22,7 @@ from perdure.errors import PerdureError
 from perdure.home.sim import occupancy
 from perdure.home.sim.apartments import build_apartment, make_apartment, split_apartments
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.objects import Placement, YcbObjects
+from perdure.home.sim.objects import Placement, add_object, get_kind
 from perdure.home.sim.occupancy import FreeSpace, free_space
 from perdure.home.sim.pieces import Apartment, Receptacle
 from perdure.home.tasks.episodes import Episode, EpisodeSet
@@ -41,7 +41,6 @@ Refusal = Callable[[str], None]
 def generate_episodes(
     task: str,
     split: str,
-    models: YcbObjects,
     seed: int = 0,
     refused: Refusal = lambda reason: None,
     per_apartment: int | None = None,
@@ -53,7 +52,7 @@ def generate_episodes(
     apartments = split_apartments(split)
     count = PER_APARTMENT[split] if per_apartment is None else per_apartment
     episodes = tuple(
-        generate_episode(task, split, number * count + k, apartment, models, seed, refused)
+        generate_episode(task, split, number * count + k, apartment, seed, refused)
         for number, apartment in enumerate(apartments)
         for k in range(count)
     )
@@ -65,7 +64,6 @@ def generate_episode(
     split: str,
     index: int,
     apartment: tuple[int, int],
-    models: YcbObjects,
     seed: int = 0,
     refused: Refusal = lambda reason: None,
 ) -> Episode:
@@ -76,7 +74,7 @@ def generate_episode(
     home_task, home = get_task(task), make_apartment(*apartment)
     rng = np.random.Generator(np.random.PCG64([seed, list(TASKS).index(task), *apartment, index]))
     for _ in range(_EPISODES):
-        drawn = _draw(home_task, home, models, rng)
+        drawn = _draw(home_task, home, rng)
         if isinstance(drawn, str):
             refused(drawn)
             continue
@@ -87,20 +85,20 @@ def generate_episode(
 
 
 def _draw(
-    task: HomeTask, apartment: Apartment, models: YcbObjects, rng: np.random.Generator
+    task: HomeTask, apartment: Apartment, rng: np.random.Generator
 ) -> tuple[tuple[Placement, ...], tuple[Placement, ...]] | str:
     """Return objects and goals, or the reason why this draw is rejected."""
     space = free_space(apartment, task.opened)
-    surfaces = Surfaces(apartment, space, models)
+    surfaces = Surfaces(apartment, space)
     starts = [_any_of(apartment, target.start, rng) for target in task.targets]
     ends = [_any_of(apartment, target.goal, rng) for target in task.targets]
     objects = _draw_objects(task, surfaces, starts, rng)
     if objects is None:
         return "no room for the objects"
-    objects, moved, _ = settle(apartment, dict(task.opened), objects, models)
+    objects, moved, _ = settle(apartment, dict(task.opened), objects)
     if (moved > MOVED).any():
         return "an object was not stable"
-    after = Surfaces(apartment, space, models)
+    after = Surfaces(apartment, space)
     for placement in objects:
         after.add(placement)
     goals = []
@@ -165,16 +163,12 @@ class Surfaces:
 
     apartment: Apartment
     space: FreeSpace
-    models: YcbObjects
     taken: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def footprint(self, kind: str, x: float, y: float, yaw: float) -> FloatArray:
         """Return the rectangle an upright object covers in the room. Shape (5,)."""
-        low, high = (np.array(corner) for corner in self.models.box(kind))
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        center = (x + cos * middle[0] - sin * middle[1], y + sin * middle[0] + cos * middle[1])
-        return np.array([*center, half[0], half[1], yaw])
+        half_x, half_y, _ = get_kind(kind).half
+        return np.array([x, y, half_x, half_y, yaw])
 
     def add(self, placement: Placement) -> None:
         """Add an object to its receptacle."""
@@ -201,8 +195,8 @@ class Surfaces:
             lift: Distance of its lowest point from the surface in [m].
             anywhere: Whether the robot need not be able to stand near it.
         """
-        low, high = self.models.box(kind)
-        if high[2] - low[2] + lift >= receptacle.headroom:
+        half = get_kind(kind).half[2]
+        if 2.0 * half + lift >= receptacle.headroom:
             return None
         share = ratio.get(receptacle.name, 1.0)
         for _ in range(TRIES):
@@ -216,7 +210,7 @@ class Surfaces:
                 continue
             if not anywhere and self.space.nearest(np.array([[x, y]]))[1][0] >= NAVIGABLE_WITHIN:
                 continue
-            position = (round(float(x), 4), round(float(y), 4), round(float(height) - low[2] + lift, 4))
+            position = (round(float(x), 4), round(float(y), 4), round(float(height) + half + lift, 4))
             quaternion = (round(math.cos(yaw / 2), 5), 0.0, 0.0, round(math.sin(yaw / 2), 5))
             return Placement(kind, position, quaternion, receptacle.unique_name)
         return None
@@ -234,7 +228,6 @@ def settle(
     apartment: Apartment,
     opened: dict[str, float],
     placements: Sequence[Placement],
-    models: YcbObjects,
     seconds: float = SECONDS,
 ) -> tuple[tuple[Placement, ...], FloatArray, FloatArray]:
     """Simulate objects in an apartment for some seconds.
@@ -243,7 +236,6 @@ def settle(
         apartment: Where they are.
         opened: Joint positions of doors and drawers by link name.
         placements: The objects.
-        models: How the objects are built.
         seconds: For how long.
 
     Returns:
@@ -256,7 +248,7 @@ def settle(
     spec.option.timestep = TIMESTEP
     names = [f"object_{k}" for k in range(len(placements))]
     for name, placement in zip(names, placements, strict=True):
-        models.add(spec, placement.kind, name, placement.position, placement.quaternion)
+        add_object(spec, placement, name, visuals=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     for link, q in opened.items():

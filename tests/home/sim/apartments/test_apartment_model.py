@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from perdure.home.sim.apartments import build_apartment, make_apartment
+from perdure.home.sim.geoms import BUMPER_BIT
 
 
 @pytest.fixture(scope="module")
@@ -83,15 +84,7 @@ def test_a_model_without_visuals_has_the_same_collisions(apartment, model):
     solid = [model.geom(g).name for g in range(model.ngeom) if model.geom_contype[g]]
     assert [plain.geom(g).name for g in range(plain.ngeom)] == solid
     assert plain.ngeom < model.ngeom
-    assert (model.geom_contype == model.geom_conaffinity).all()
-
-
-def test_apartment_can_be_added_to_a_specification_in_radians(apartment):
-    spec = mujoco.MjSpec()
-    spec.compiler.degree = False
-    assert build_apartment(apartment, spec) is spec
-    model = spec.compile()
-    assert model.jnt_range[model.joint("top_door_hinge").id] == pytest.approx([0.0, 2.36])
+    assert (model.geom_contype == model.geom_conaffinity & ~BUMPER_BIT).all()
 
 
 def test_a_ball_dropped_on_a_table_stays_at_the_height_of_the_table(apartment):

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perdure.home.sim import occupancy
@@ -37,6 +37,7 @@ def test_margin_widens_the_overlap_by_itself():
     assert occupancy.overlap(first, second, 0.11)[0, 0]
 
 
+@settings(deadline=None)
 @given(rectangles, rectangles)
 def test_overlap_agrees_with_points_sampled_in_the_rectangles(first, second):
     ticks = np.linspace(-1.0, 1.0, 21)

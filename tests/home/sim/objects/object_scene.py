@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from perdure.home.sim.apartments import FRICTION
-from perdure.home.sim.objects import YcbObjects
+from perdure.home.sim.objects import KINDS, Placement, add_object
 
 ELLIPTIC = 1
 
@@ -23,7 +23,7 @@ def scene(placed, timestep=1 / 240, sleep=True, cone=0, visuals=False, edit=lamb
     box = mujoco.mjtGeom.mjGEOM_BOX
     spec.worldbody.add_geom(name="table", type=box, size=(3, 3, 0.02), pos=(0, 0, -0.02), friction=FRICTION)
     for name, (kind, position, quaternion) in placed.items():
-        YcbObjects(visuals).add(spec, kind, name, position, quaternion)
+        add_object(spec, Placement(kind, position, quaternion, ""), name, visuals=visuals)
     edit(spec)
     model = spec.compile()
     return model, mujoco.MjData(model)
@@ -50,7 +50,7 @@ def rotation(quaternion):
 
 def box_clearance(kind, quaternion):
     """How far the frame is above the lowest corner of the turned bounding box."""
-    half = np.array(YcbObjects().box(kind)[1])
+    half = np.array(KINDS[kind].half)
     return float(np.abs(rotation(quaternion)[2]) @ half)
 
 

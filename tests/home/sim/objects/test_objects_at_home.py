@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from perdure.home.sim.apartments import build_apartment
-from perdure.home.sim.objects import YcbObjects
+from perdure.home.sim.objects import add_object
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.generation import settle
 from perdure.home.tasks.tasks import TASKS
-
-MODELS = YcbObjects(visuals=False)
 
 
 @pytest.mark.parametrize("timestep", [1 / 120, 1 / 240, pytest.param(1 / 480, marks=pytest.mark.verify)])
@@ -21,7 +19,7 @@ def test_left_alone_for_five_seconds_at_any_physics_step_nothing_moves(task, tim
     monkeypatch.setattr(sys.modules["perdure.home.tasks.generation"], "TIMESTEP", timestep)
     moved, speeds = [], []
     for episode in load_episodes(task, "eval").episodes[::34]:
-        _, distance, speed = settle(episode.apartment(), dict(episode.opened), episode.objects, MODELS)
+        _, distance, speed = settle(episode.apartment(), dict(episode.opened), episode.objects)
         moved.extend(distance)
         speeds.extend(speed)
     assert len(moved) == 75
@@ -35,7 +33,7 @@ def test_an_object_lifted_off_its_place_does_move():
     first, *others = episode.objects
     x, y, z = first.position
     lifted = type(first)(first.kind, (x, y, z + 0.5), first.quaternion, first.receptacle)
-    _, distance, _ = settle(episode.apartment(), dict(episode.opened), (lifted, *others), MODELS, seconds=1.0)
+    _, distance, _ = settle(episode.apartment(), dict(episode.opened), (lifted, *others), seconds=1.0)
     assert distance[0] > 0.1
 
 
@@ -49,7 +47,7 @@ def test_within_three_seconds_a_whole_home_is_asleep(task):
         spec.option.timestep = 1 / 240
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
         for k, placed in enumerate(episode.objects):
-            MODELS.add(spec, placed.kind, f"object_{k}", placed.position, placed.quaternion)
+            add_object(spec, placed, f"object_{k}", visuals=False)
         model = spec.compile()
         data = mujoco.MjData(model)
         for link, opened in episode.opened.items():

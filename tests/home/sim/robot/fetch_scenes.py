@@ -19,7 +19,7 @@ def set_pose(data, arm=REST_ARM, torso=TORSO_HEIGHT, base=(0.0, 0.0, 0.0)):
     """Puts the robot there, its servos' targets too."""
     for joint, value in zip(("base_x", "base_y", "base_yaw"), base, strict=True):
         data.joint(joint).qpos = value
-    for joint, value in ((TORSO.joint, torso), *zip(ARM_JOINTS, arm, strict=True)):
+    for joint, value in ((TORSO.name, torso), *zip(ARM_JOINTS, arm, strict=True)):
         data.joint(joint).qpos = value
         data.actuator(joint).ctrl = value
     mujoco.mj_forward(data.model, data)

@@ -110,6 +110,13 @@ def test_efforts_are_the_urdfs_but_for_the_shoulder_pan(model):
     assert model.actuator_forcerange[0, 1] < 120.934 * 9.81  # tyres cannot push harder than friction 1
 
 
+def test_position_servos_are_of_60_radians_per_second_and_a_damping_ratio_of_0_7(model):
+    """kp = I w^2 and kv = 2 z I w, whatever inertia I a servo is made for."""
+    gains = model.actuator_gainprm[3:, 0]
+    assert model.actuator_biasprm[3:, 1] == pytest.approx(-gains)
+    assert model.actuator_biasprm[3:, 2] / gains == pytest.approx(np.full(10, -2 * 0.7 / 60))
+
+
 def test_gravity_is_compensated_and_a_load_is_not(model):
     falls = {}
     for compensated in (True, False):
@@ -155,7 +162,7 @@ def test_visuals_change_what_is_seen_and_nothing_else(model):
     spec = make_spec()
     add_fetch(spec, visuals=False)
     plain = spec.compile()
-    assert plain.ngeom == 11
+    assert plain.ngeom == 12
     assert model.ngeom > 60
     ends = []
     for one in (model, plain):
@@ -165,11 +172,12 @@ def test_visuals_change_what_is_seen_and_nothing_else(model):
         mujoco.mj_step(one, data, 60)
         ends.append(data.qpos.copy())
     assert ends[0] == pytest.approx(ends[1], abs=1e-12)
-    assert np.all(plain.geom_group == 0)
+    assert plain.geom_group.tolist().count(4) == 1  # the bumper
+    assert set(plain.geom_group) == {0, 4}
     seen_only = model.geom_group == 2
     assert not np.any(model.geom_contype[seen_only] | model.geom_conaffinity[seen_only])
-    assert np.all(model.geom_group[~seen_only] == 3)
-    assert model.ngeom - seen_only.sum() == 11
+    assert set(model.geom_group[~seen_only]) == {3, 4}
+    assert model.ngeom - seen_only.sum() == 12
 
 
 def test_head_camera_looks_from_and_to_where_m3s_does(model, data):

@@ -6,12 +6,11 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from box_objects import SIZES, BoxObjects
 from publish_episodes import publish
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import build_apartment, make_apartment
-from perdure.home.sim.objects import Placement
+from perdure.home.sim.objects import KINDS, Placement, add_object
 from perdure.home.sim.occupancy import free_space
 from perdure.home.tasks import generation
 from perdure.home.tasks.episodes import read_episodes
@@ -23,7 +22,7 @@ CASES = [("tidy_house", (0, 16), 0), ("prepare_groceries", (4, 3), 17), ("set_ta
 
 @cache
 def episode_of(task, apartment, index):
-    return generate_episode(task, "val", index, apartment, BoxObjects())
+    return generate_episode(task, "val", index, apartment)
 
 
 @pytest.fixture(params=CASES, ids=[case[0] for case in CASES])
@@ -35,7 +34,7 @@ def touching(episode, placements):
     """Pairs of bodies with a contact deeper than a millimeter, the floor and what supports an object left out."""
     spec = build_apartment(episode.apartment(), visuals=False)
     for k, placement in enumerate(placements):
-        BoxObjects().add(spec, placement.kind, f"object_{k}", placement.position, placement.quaternion)
+        add_object(spec, placement, f"object_{k}", visuals=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     for link, q in episode.opened.items():
@@ -65,7 +64,7 @@ def test_objects_and_goals_stand_upright_on_the_receptacles_of_the_task(episode)
         offset = apartment.piece(receptacle.piece).pose.to_local(np.array(placement.position)) - receptacle.center
         share = rule.ratio.get(receptacle.name, 1.0)
         assert (np.abs(offset[:2]) <= share * np.array(receptacle.half) + 0.002).all()
-        assert offset[2] == pytest.approx(SIZES[placement.kind][2] / 2, abs=2e-3)
+        assert offset[2] == pytest.approx(KINDS[placement.kind].half[2], abs=2e-3)
         assert np.hypot(placement.quaternion[1], placement.quaternion[2]) < 0.01
 
 
@@ -78,7 +77,7 @@ def test_goals_are_half_a_metre_from_the_starts_and_the_robot_can_stand_within_o
 
 
 def test_objects_stay_where_they_are_when_left_alone(episode):
-    assert settle(episode.apartment(), dict(episode.opened), episode.objects, BoxObjects(), 2.0)[1].max() < 1e-3
+    assert settle(episode.apartment(), dict(episode.opened), episode.objects, 2.0)[1].max() < 1e-3
 
 
 def test_the_container_of_a_target_is_what_has_to_be_opened():
@@ -90,7 +89,7 @@ def test_the_container_of_a_target_is_what_has_to_be_opened():
 
 
 def test_same_arguments_give_the_same_episode_and_others_do_not():
-    args = ("set_table", "val", 53, (2, 18), BoxObjects())
+    args = ("set_table", "val", 53, (2, 18))
     first = episode_of("set_table", (2, 18), 53)
     assert generate_episode(*args) == first
     assert generate_episode(*args, seed=1).objects != first.objects
@@ -105,7 +104,7 @@ def test_an_object_that_falls_over_is_seen_to_move():
     tilted = (np.cos(np.pi / 12), 0.0, np.sin(np.pi / 12), 0.0)
     box = Placement("003_cracker_box", (x, y - 0.2, z + 0.115), tilted, "")
     bowl = Placement("024_bowl", (x, y + 0.2, z + 0.0275), (1.0, 0.0, 0.0, 0.0), "")
-    rested, moved, speed = settle(apartment, {}, (box, bowl), BoxObjects())
+    rested, moved, speed = settle(apartment, {}, (box, bowl))
     assert moved[0] > 0.1
     assert rested[0].position[2] - z == pytest.approx(0.036, abs=2e-3)  # lies on its large side
     assert moved[1] < 0.002
@@ -117,7 +116,7 @@ def quick(monkeypatch):
     """Settling replaced: objects named `fragile` move by a given distance, all others by a hair less than 0.1 m."""
 
     def replace(fragile, distance):
-        def fake(apartment, opened, placements, models):
+        def fake(apartment, opened, placements):
             moved = np.array([distance if p.kind == fragile else 0.0999 for p in placements])
             return tuple(placements), moved, np.zeros(len(placements))
 
@@ -129,7 +128,7 @@ def quick(monkeypatch):
 def test_an_episode_in_which_an_object_moved_by_more_than_ten_centimeters_is_thrown_away(quick):
     reasons = Counter()
     quick("009_gelatin_box", 0.1001)
-    arguments = ("tidy_house", "val", 0, (1, 17), BoxObjects())
+    arguments = ("tidy_house", "val", 0, (1, 17))
     strict = generate_episode(*arguments, refused=lambda reason: reasons.update([reason]))
     assert reasons["an object was not stable"] > 0
     assert all(placement.kind != "009_gelatin_box" for placement in strict.objects)
@@ -141,12 +140,12 @@ def test_a_task_whose_target_never_stays_is_given_up_with_a_sentence(quick, monk
     quick("024_bowl", 1.0)
     monkeypatch.setattr(generation, "_EPISODES", 3)
     with pytest.raises(PerdureError, match="no episode 0 of set_table in macro0_micro16: 3 draws were rejected"):
-        generate_episode("set_table", "val", 0, (0, 16), BoxObjects())
+        generate_episode("set_table", "val", 0, (0, 16))
 
 
 def test_a_split_has_five_episodes_in_each_of_twenty_apartments(quick):
     quick("", 0.0)
-    episodes = generate_episodes("set_table", "eval", BoxObjects())
+    episodes = generate_episodes("set_table", "eval")
     assert len(episodes) == 100
     assert [episode.index for episode in episodes.episodes] == list(range(100))
     assert Counter((e.macro, e.micro) for e in episodes.episodes) == {(4, micro): 5 for micro in range(20)}
@@ -155,7 +154,7 @@ def test_a_split_has_five_episodes_in_each_of_twenty_apartments(quick):
 def test_receptacles_objects_and_headings_are_drawn_evenly(quick):
     """Chi-square and mean tests at odds of about one in ten thousand; fixed seed, so they pass or fail for good."""
     quick("", 0.0)
-    episodes = generate_episodes("set_table", "val", BoxObjects(), per_apartment=10).episodes
+    episodes = generate_episodes("set_table", "val", per_apartment=10).episodes
     drawers = Counter(e.objects[0].receptacle for e in episodes)
     assert len(drawers) == 3
     assert sum((n - 200 / 3) ** 2 / (200 / 3) for n in drawers.values()) < 18.4
@@ -173,7 +172,7 @@ def test_receptacles_objects_and_headings_are_drawn_evenly(quick):
 def test_publishing_writes_val_and_eval_of_every_task_and_says_what_was_thrown_away(quick, tmp_path, monkeypatch):
     quick("", 0.0)
     monkeypatch.setattr(generation, "PER_APARTMENT", {"val": 1, "eval": 1})
-    refusals = publish(tmp_path / "data", BoxObjects())
+    refusals = publish(tmp_path / "data")
     files = sorted(path.stem for path in (tmp_path / "data").iterdir())
     assert files == sorted(f"{task}_{split}" for task in TASKS for split in ("val", "eval"))
     assert len(read_episodes(tmp_path / "data" / "set_table_eval.json")) == 20
