@@ -173,14 +173,18 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
         & ((pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah"))
         & (pl.col("steps") == 10_000)
     )
-    main = shown.with_columns(cell=pl.format("{}/{} ({}/{})", "runs that hold", "runs", "left", "episodes")).pivot(
-        "method", index=("task", "condition"), values="cell"
+    fallen = (
+        pl.when(pl.col("task") != "HalfCheetah-v3")
+        .then(pl.format(" ({}/{})", "left", "episodes"))
+        .otherwise(pl.lit(""))
     )
+    main = shown.with_columns(cell=pl.format("{}/{}{}", "runs that hold", "runs", fallen))
+    main = main.pivot("method", index=("task", "condition"), values="cell")
     foresight = tables["foresight"].filter(pl.col("threshold") == 0.75)
     names = ("AUC", "low", "high")
     cells = foresight.with_columns(
         cell=pl.format("{} [{}, {}]", *(pl.col(name).round(2).cast(pl.String) for name in names))
-    ).pivot("verdict", index=("new condition", "in standard-1", "runs", "runs that fail"), values="cell")
+    ).pivot("verdict", index=("new condition", "in standard-1", "runs that fail"), values="cell")
     found = {"left": main, "foresight": cells}
     if "cure" in tables:
         rare = tables["cure"].filter(
