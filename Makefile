@@ -8,11 +8,11 @@ ifeq ($(strip $(DEMO_OUT)),)
 $(error DEMO_OUT is empty; name a folder)
 endif
 
-# And at home: episodes of SetTable, release strategies, and what stops a rolling apple (drag, as in Habitat, where the
-# release strategies differ most; friction is the usual setting).
+# And at home: episodes of SetTable, release strategies, and the rolling resistance in [m] (0: only drag, as in Habitat,
+# where the release strategies differ most; 0.0012 is the default).
 DEMO_EPISODES ?= 4
 DEMO_PLACES   ?= rl ik
-DEMO_ROLLING  ?= drag
+DEMO_ROLLING  ?= 0
 
 # Test processes, and further options of pytest: make test PYTEST="-k clock"
 PROCESSES ?= 2

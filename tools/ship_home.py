@@ -37,11 +37,8 @@ EPISODES = 400
 
 
 def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
-    """(task, name of the policy, seed, folder) of every finished run.
-
-    Of two of the same policy the one learned in our usual world counts, before one learned with Habitat's drag.
-    """
-    found: dict[tuple[str, str, int], tuple[bool, Path]] = {}
+    """(task, name of the policy, seed, folder) of every finished run."""
+    found = []
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
         named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
         if named is None or path.parent.name not in learned_skills():
@@ -51,10 +48,8 @@ def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
         if "delta" in options:
             within = f"-in-{options['limited_to']}" if "limited_to" in options else ""
             name = read_release(f"delta-{options['delta']}{within}").policy
-        key, elsewhere = (options["task"], name, int(path.name.removeprefix("seed-"))), "rolling" in options
-        if key not in found or found[key][0] > elsewhere:
-            found[key] = elsewhere, path
-    return [(*key, path) for key, (_, path) in found.items()]
+        found.append((options["task"], name, int(path.name.removeprefix("seed-")), path))
+    return found
 
 
 def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
@@ -64,7 +59,7 @@ def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
     result = evaluate_skill(policy, skill, EPISODES, task=task, **options)
     scored = {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
     if skill == "place":
-        rolling = evaluate_skill(policy, skill, EPISODES, task=task, rolling="drag", **options)
+        rolling = evaluate_skill(policy, skill, EPISODES, task=task, rolling=0.0, **options)
         scored["drag"] = {"success": rolling.rate, "failures": dict(rolling.failures.most_common())}
     return scored
 

@@ -16,7 +16,7 @@ MAIN_STRATEGIES = ("rl", "stop", "ik")
 STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
 """In the order of tables and figures."""
 FRICTION = SceneOptions()
-DRAG = SceneOptions(rolling="drag")
+DRAG = SceneOptions(rolling=0.0)
 HULL = replace(DRAG, apple="hull")
 WORLDS = {
     "drag": "drag only",

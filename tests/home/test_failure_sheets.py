@@ -164,7 +164,7 @@ def test_a_draw_is_the_same_again_and_takes_nothing_twice():
 @pytest.fixture(scope="module")
 def hurried(tmp_path_factory):
     """Logs of an episode that had three steps for each skill, in an unusual world, and the same haste for a replay."""
-    scene = SceneOptions(physics_hz=240, rolling="drag", apple="hull")
+    scene = SceneOptions(physics_hz=240, rolling=0.0, apple="hull")
     options = ExecutorOptions(lanes=1, scene=scene, settle_steps=7, eval_seed=0)
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
@@ -176,7 +176,7 @@ def hurried(tmp_path_factory):
 def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
     (failure,) = read_failures(hurried, "latched")
     options = failure.options
-    assert (options.scene.apple, options.scene.rolling, options.scene.physics_hz) == ("hull", "drag", 240)
+    assert (options.scene.apple, options.scene.rolling, options.scene.physics_hz) == ("hull", 0.0, 240)
     assert (options.settle_steps, *failure.assignment[:3]) == (7, "set_table", "stop", -1)
     assert set(dict(failure.assignment[3]).values()) == {"oracle"}
     replay = replay_failure(failure, logged_agent(failure, {}))

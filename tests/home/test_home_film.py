@@ -52,7 +52,7 @@ class EnoughError(Exception):
 
 def test_a_recording_is_the_trajectory_of_the_protocol():
     episode = load_episodes("set_table", "val")[5]
-    options = ExecutorOptions(eval_seed=1, lanes=1, threads=1, scene=SceneOptions(rolling="drag"))
+    options = ExecutorOptions(eval_seed=1, lanes=1, threads=1, scene=SceneOptions(rolling=0.0))
     oracle = film._oracle(episode)
     shown = []
     recording = record(episode, oracle, options, seconds=STEPS / 30, show=shown.append)

@@ -13,7 +13,7 @@ import tyro
 
 from perdure.cli.parse import Cores, On, call, check_folder
 from perdure.errors import PerdureError
-from perdure.home.sim.scene import Rolling, SceneOptions, WorldOptions
+from perdure.home.sim.scene import SceneOptions, WorldOptions
 from perdure.report.charts import Format
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="tidy_house, prepare_groceries or set_table.")]
@@ -224,7 +224,6 @@ def train(
     task: str = "set_table",
     delta: int = 1,
     limited_to: int | None = None,
-    rolling: Rolling = "friction",
     seeds: tuple[int, ...] = (0,),
     steps: int | None = None,
     test_episodes: int = 200,
@@ -239,7 +238,6 @@ def train(
         task: The task whose objects and receptacles it is trained on.
         delta: For place: number of steps the object must stay.
         limited_to: For place: step limit; 200 by default, 200 + delta with --delta.
-        rolling: Rolling resistance, as for `perdure home run`.
         seeds: Training seeds, such as 0 1 2, trained side by side.
         steps: Environment steps; the recipe's by default.
         test_episodes: Episodes on val starts after training.
@@ -251,7 +249,7 @@ def train(
 
     if test_episodes < 1:
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
-    given = {"delta": (delta, 1), "limited_to": (limited_to, None), "rolling": (rolling, "friction")}
+    given = {"delta": (delta, 1), "limited_to": (limited_to, None)}
     options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
     with show_progress(f"{task} {skill}", "steps") as observe:
         paths = train_skill(skill, task, seeds, out, steps, cores=cores, on=on, observe=observe, **options)

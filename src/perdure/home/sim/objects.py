@@ -36,6 +36,8 @@ SLIDING = 0.3
 world's 0.4, which is 0.2; MuJoCo takes the larger of a pair, and furniture has 0.2, so that the object decides."""
 TORSIONAL = 0.005
 """Torsional friction in [m], MuJoCo's default. It acts where `condim` is above 3."""
+ROLLING = 1.2e-3
+"""Lever arm in [m] of the weight that resists rolling, our choice: 3.2 % of the apple's weight, as it is not round."""
 AppleShape = Literal["sphere", "hull"]
 """What an apple is to the physics: a perfect sphere, or a convex hull whose small flat faces can come to rest."""
 
@@ -51,7 +53,7 @@ class Part(Record, frozen=True):
     rgba: tuple[float, float, float, float] | None = None
     """Of visual geometry; what collides has the object's color."""
     rolls: bool = False
-    """Whether the object's rolling friction is this part's."""
+    """Whether the object rolls on it."""
 
 
 class Kind(Record, frozen=True):
@@ -71,9 +73,6 @@ class Kind(Record, frozen=True):
     parts: tuple[Part, ...]
     """What collides."""
     visuals: tuple[Part, ...]
-    rolling: float = 0.0
-    """Rolling friction in [m], our choice: the lever arm of the weight that resists rolling. 0.5 mm for a tin on a
-    table, 1.0 to 1.5 % of its weight; 1.2 mm for the apple, which is not round: 3.2 %."""
     meshes: dict[str, tuple[Vec3, ...]] = field(default_factory=dict)
     """Corners of convex hulls in [m] by the name of the mesh."""
     shell: tuple[tuple[float, float], ...] = ()
@@ -164,7 +163,7 @@ def add_object(
             continue
         geom.contype, geom.conaffinity, geom.group = bits, bits, group
         geom.condim, geom.friction = (
-            (6, (SLIDING, TORSIONAL, kind.rolling)) if part.rolls else (3, (SLIDING, TORSIONAL, 0.0))
+            (6, (SLIDING, TORSIONAL, ROLLING)) if part.rolls else (3, (SLIDING, TORSIONAL, 0.0))
         )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import build_apartment
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
-from perdure.home.sim.objects import AppleShape, Placement, add_object
+from perdure.home.sim.objects import ROLLING, AppleShape, Placement, add_object
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.robot import JOINTS, add_fetch
 
@@ -27,9 +27,10 @@ PHYSICS_HZ = 120
 """Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
 SERVO_HZ = 120
 """Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
-Rolling = Literal["friction", "drag"]
+LEVERS = (0.0, 0.0001, 0.0004, ROLLING)
+"""Rolling resistances of tables and of training, see `WorldOptions.rolling`."""
+MOST_ROLLING = 0.01
 _WORDS = {
-    ("rolling", "drag"): "drag",
     ("apple", "hull"): "hull-apple",
     ("clutter", False): "no-clutter",
     ("sleep", False): "no-sleep",
@@ -41,8 +42,8 @@ _WORDS = {
 class WorldOptions:
     """The variant of the physics. Each field is a flag of `perdure home run`, part of names and of stored settings."""
 
-    rolling: Rolling = "friction"
-    """Rolling resistance: friction, or only a drag that takes 20 % of the speed per second."""
+    rolling: float = ROLLING
+    """Rolling resistance: lever arm of the weight in [m]; 0: only a drag that takes 20 % of the speed per second."""
     apple: AppleShape = "sphere"
     """Collision shape of the apple: a sphere, or a convex hull of 2,000 corners (Habitat-sim collides hulls)."""
     physics_hz: int = PHYSICS_HZ
@@ -53,6 +54,8 @@ class WorldOptions:
         rate = self.physics_hz
         if not isinstance(rate, int | np.integer) or rate < CONTROL_HZ or rate % CONTROL_HZ:
             raise PerdureError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
+        if not isinstance(self.rolling, float | int) or not 0.0 <= self.rolling <= MOST_ROLLING:
+            raise PerdureError(f"rolling must be a lever arm from 0 to {MOST_ROLLING:g} m, not {self.rolling!r}")
         for name, kind in get_type_hints(WorldOptions).items():
             if get_origin(kind) is Literal and (value := getattr(self, name)) not in get_args(kind):
                 raise PerdureError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")
@@ -66,9 +69,10 @@ class WorldOptions:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is unusual in words for names: ("drag", "240-hz")."""
-        hertz = f"{self.physics_hz}-hz"
-        return tuple(hertz if name == "physics_hz" else _WORDS[name, value] for name, value in self.unusual.items())
+        """What is unusual in words for names: ("drag", "240-hz"), ("rolling-0.4-mm",)."""
+        rolling = f"rolling-{1000.0 * self.rolling:g}-mm" if self.rolling else "drag"
+        numbers = {"physics_hz": f"{self.physics_hz}-hz", "rolling": rolling}
+        return tuple(numbers.get(name) or _WORDS[name, value] for name, value in self.unusual.items())
 
 
 @dataclass(frozen=True)
@@ -390,10 +394,7 @@ def build_scene(
         add_object(spec, placement, f"object_{number}", visuals=options.visuals, apple=options.apple)
     add_fetch(spec, visuals=options.visuals)
     _add_holds(spec, apartment, len(placements))
-    scene = Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
-    if options.rolling == "drag":
-        _let_roll(scene)
-    return scene
+    return Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
 
 
 def _set_physics(spec: Any, options: SceneOptions) -> None:
@@ -437,13 +438,3 @@ def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
             active=False,
             solref=HANDLE_SOLREF,
         )
-
-
-def _let_roll(scene: Scene) -> None:
-    """Let objects roll and spin without friction; they lose 20 % of their speed and spin in a second."""
-    model = scene.model
-    for number, geoms in enumerate(scene.object_geoms):
-        model.geom_condim[geoms] = 3
-        body, dof = model.body(f"object_{number}").id, int(scene.object_qvel[number])
-        model.dof_damping[dof : dof + 3] = HABITAT_DRAG * model.body_mass[body]
-        model.dof_damping[dof + 3 : dof + 6] = HABITAT_DRAG * model.body_inertia[body]

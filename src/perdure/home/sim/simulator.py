@@ -15,7 +15,7 @@ from perdure.home.sim.geoms import OBJECT_BIT
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
-from perdure.home.sim.scene import CONTROL_HZ, MOVED, Scene
+from perdure.home.sim.scene import CONTROL_HZ, HABITAT_DRAG, MOVED, Scene
 
 ACTION_SIZE = 11
 FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
@@ -69,6 +69,7 @@ class Simulator:
         self._substeps = scene.options.substeps
         self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
         self._searched_from: tuple[float, float] | None = None
+        self.set_rolling(scene.options.rolling)
 
     def reset(
         self,
@@ -100,6 +101,16 @@ class Simulator:
         self.ctrl[:] = self.robot
         self.ctrl[:3] = 0.0
         self._mujoco.mj_forward(self.model, self.data)
+
+    def set_rolling(self, lever: float) -> None:
+        """Set the rolling resistance of all objects, see `WorldOptions.rolling`."""
+        model, scene = self.model, self.scene
+        round_ones, drag = scene.model.geom_condim == 6, 0.0 if lever else HABITAT_DRAG
+        model.geom_condim[round_ones] = 6 if lever else 3
+        model.geom_friction[round_ones, 2] = lever
+        for body, dof in zip(scene.object_bodies, scene.object_qvel, strict=True):
+            model.dof_damping[dof : dof + 3] = drag * model.body_mass[body]
+            model.dof_damping[dof + 3 : dof + 6] = drag * model.body_inertia[body]
 
     def drive(self, forward: float, turn: float) -> None:
         """Base speeds for the next control step, in [m/s] and [rad/s]."""

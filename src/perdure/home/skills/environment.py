@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -16,7 +16,7 @@ from perdure.envs.suites import VectorSuite
 from perdure.errors import PerdureError, lookup
 from perdure.home.sim.apartments import SPLITS
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
-from perdure.home.sim.scene import PHYSICS_HZ, SERVO_HZ, Rolling, Scene, SceneOptions
+from perdure.home.sim.scene import LEVERS, MOST_ROLLING, PHYSICS_HZ, SERVO_HZ, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
@@ -25,7 +25,7 @@ from perdure.home.skills.starts import begin, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
-from perdure.schema import Choice, Flag, Items, Kind, Maybe, Text, Whole
+from perdure.schema import Choice, Flag, Items, Kind, Maybe, Real, Text, Whole
 
 COUNT = Whole(1, 1_000_000)
 KINDS: Mapping[str, Kind] = {
@@ -38,7 +38,7 @@ KINDS: Mapping[str, Kind] = {
     "any_heading": Flag(),
     "clutter": Flag(),
     "physics_hz": Whole(SERVO_HZ, 100_000),
-    "rolling": Choice(get_args(Rolling)),
+    "rolling": Maybe(Real(0.0, MOST_ROLLING)),
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
@@ -65,8 +65,8 @@ class SkillEnvOptions:
     clutter: bool = False
     """Whether objects that are no targets are in the scene."""
     physics_hz: int = PHYSICS_HZ
-    rolling: Rolling = "friction"
-    """What stops rolling objects, see `SceneOptions`."""
+    rolling: float | None = SceneOptions.rolling
+    """See `WorldOptions`; None: one of `LEVERS`, drawn in each episode."""
     episodes: int | None = None
     """Number of episodes; when None 64 of `train`, one for each apartment, or all published ones."""
 
@@ -106,7 +106,8 @@ class SkillEnvOptions:
     @property
     def scene(self) -> SceneOptions:
         """Return how scenes are built; the target is added for each."""
-        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
+        rolling = LEVERS[-1] if self.rolling is None else self.rolling
+        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=rolling)
 
     def make_skill(self) -> Skill:
         """Return the skill with its own options."""
@@ -170,6 +171,8 @@ class EpisodeSampler:
         target = targets[int(rng.integers(len(targets)))]
         episode = self.episodes[number]
         begin(world, lane, self.scene(number, target), self._draw, episode, target, rng)
+        if self._options.rolling is None:
+            world.simulator(lane).set_rolling(LEVERS[int(rng.integers(len(LEVERS)))])
         return episode
 
     def scene(self, number: int, target: int) -> Scene:

@@ -110,7 +110,7 @@ class Recipe:
     @property
     def env_options(self) -> dict[str, object]:
         """Return environment options of training only; policies are scored with clutter and M3's headings."""
-        return {name: True for name in ("clutter", "any_heading") if getattr(self, name)}
+        return {name: True for name in ("clutter", "any_heading") if getattr(self, name)} | {"rolling": None}
 
 
 SECTORS = BEAMS // 2

@@ -10,7 +10,7 @@ from perdure.home.evaluate.comparison import describe
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.objects import AppleShape
-from perdure.home.sim.scene import Rolling, SceneOptions
+from perdure.home.sim.scene import LEVERS, SceneOptions
 
 PLACES = ("rl", "stop", "ik", "ik+", "delta-50", "delta-50-in-200")
 
@@ -20,7 +20,7 @@ def name(place, **world):
 
 
 def test_every_strategy_and_world_has_a_name_of_its_own():
-    worlds = list(product(get_args(AppleShape), get_args(Rolling), (120, 240)))
+    worlds = list(product(get_args(AppleShape), LEVERS, (120, 240)))
     names = {
         name(place, apple=apple, rolling=rolling, physics_hz=hertz)
         for place, (apple, rolling, hertz) in product(PLACES, worlds)
@@ -30,11 +30,13 @@ def test_every_strategy_and_world_has_a_name_of_its_own():
 
 def test_the_usual_world_has_no_name():
     assert name("ik", visuals=True) == "ik"
-    assert name("ik", apple="hull", rolling="drag", physics_hz=240) == "ik drag hull-apple 240-hz"
+    assert name("ik", apple="hull", rolling=0.0, physics_hz=240) == "ik drag hull-apple 240-hz"
+    assert name("ik", rolling=0.0004) == "ik rolling-0.4-mm"
+    assert describe("ik rolling-0.4-mm") == "stop, lower 5 cm, rolling 0.4 mm"
 
 
 def test_a_closed_loop_has_a_name_a_folder_and_words_of_its_own():
-    options = ExecutorOptions(scene=SceneOptions(rolling="drag"), planner="closed")
+    options = ExecutorOptions(scene=SceneOptions(rolling=0.0), planner="closed")
     protocol = EvaluationProtocol("prepare_groceries", "ik", options=options)
     assert (protocol.name, protocol.folder) == ("ik drag closed", "prepare_groceries/val/ik-drag-closed")
     assert EvaluationProtocol.from_json(protocol.to_json()) == protocol

@@ -143,7 +143,7 @@ def test_a_stored_configuration_names_the_scene_only_where_it_is_unusual():
 def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
     usual = EvaluationProtocol("set_table", "ik+")
     unusual = EvaluationProtocol(
-        "set_table", "ik+", options=ExecutorOptions(scene=SceneOptions(apple="hull", rolling="drag"))
+        "set_table", "ik+", options=ExecutorOptions(scene=SceneOptions(apple="hull", rolling=0.0))
     )
     assert (usual.name, usual.folder) == ("ik+", "set_table/val/ik-plus")
     assert (unusual.name, unusual.folder) == ("ik+ drag hull-apple", "set_table/val/ik-plus-drag-hull-apple")
@@ -163,7 +163,7 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
 
 
 def test_a_protocol_for_another_process_is_the_same_one():
-    scene = SceneOptions(apple="hull", rolling="drag", clutter=False)
+    scene = SceneOptions(apple="hull", rolling=0.0, clutter=False)
     options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, scene=scene)
     protocol = EvaluationProtocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
     assert EvaluationProtocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol

@@ -1,4 +1,4 @@
-"""Worlds: what stops an object that rolls, what shape an apple has, which velocity an object has when it is let go."""
+"""Worlds: what stops an object that rolls, what shape an apple has."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from perdure.errors import PerdureError
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.scene import HABITAT_DRAG, SceneOptions, build_scene
+from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 
 RADIUS, SPEED, SECONDS = 0.0375, 0.3, 2.0
@@ -30,12 +31,28 @@ def rolled(empty_room, **options):
 def test_with_a_drag_alone_speed_decays_as_its_equation_says(empty_room):
     """Linear and angular damping at one rate slow a rolling ball at that rate: v(t) = v(0) exp(-c t)."""
     wanted = SPEED / HABITAT_DRAG * (1.0 - np.exp(-HABITAT_DRAG * SECONDS))
-    assert rolled(empty_room, rolling="drag") == pytest.approx(wanted, rel=0.01)
+    assert rolled(empty_room, rolling=0.0) == pytest.approx(wanted, rel=0.01)
 
 
-def test_with_friction_it_stops_after_a_hand(empty_room):
-    """0.7 v^2 r / (mu g), the kinetic energy over the friction; the negative control of the drag."""
-    assert rolled(empty_room) == pytest.approx(0.7 * SPEED**2 * RADIUS / (1.2e-3 * 9.81), rel=0.05)
+@pytest.mark.parametrize("options", [{}, {"rolling": 0.0008}])
+def test_with_friction_it_stops_after_its_lever_arm_says(empty_room, options):
+    """0.7 v^2 r / (lever arm x g), the kinetic energy over the friction; the negative control of the drag."""
+    wanted = 0.7 * SPEED**2 * RADIUS / (options.get("rolling", 1.2e-3) * 9.81)
+    assert rolled(empty_room, **options) == pytest.approx(wanted, rel=0.05)
+
+
+def test_a_simulator_changes_its_rolling_resistance_alone_and_back(empty_room):
+    bare, middle, _ = empty_room
+    lying = [Placement("013_apple", (*map(float, middle), RADIUS), (1.0, 0.0, 0.0, 0.0), "floor")]
+    scene = build_scene(bare, lying)
+    drag = Simulator(build_scene(bare, lying, options=SceneOptions(rolling=0.0))).model
+    simulator, names = Simulator(scene), ("geom_condim", "geom_friction", "dof_damping")
+    for lever, wanted in ((0.0, drag), (0.0004, None), (1.2e-3, scene.model)):
+        simulator.set_rolling(lever)
+        if wanted is not None:
+            assert all(np.array_equal(getattr(simulator.model, each)[-1], getattr(wanted, each)[-1]) for each in names)
+    assert all(np.array_equal(getattr(scene.model, each), getattr(simulator.model, each)) for each in names)
+    assert not all(np.array_equal(getattr(scene.model, each), getattr(drag, each)) for each in names)
 
 
 def test_the_drag_takes_a_fifth_of_the_speed_in_a_second():
@@ -44,14 +61,14 @@ def test_the_drag_takes_a_fifth_of_the_speed_in_a_second():
 
 
 def test_a_hull_comes_to_rest_on_a_face_where_a_sphere_rolls_on(empty_room):
-    sphere, hull = (rolled(empty_room, rolling="drag", apple=apple) for apple in ("sphere", "hull"))
+    sphere, hull = (rolled(empty_room, rolling=0.0, apple=apple) for apple in ("sphere", "hull"))
     assert hull < 0.9 * sphere
 
 
 @pytest.mark.parametrize(
-    ("option", "valid"),
-    [("rolling", "friction, drag"), ("apple", "sphere, hull")],
+    ("option", "value", "valid"),
+    [("rolling", "drag", "a lever arm from 0 to 0.01 m"), ("rolling", 1.2, "0.01 m"), ("apple", "ice", "sphere, hull")],
 )
-def test_an_unknown_world_is_refused(option, valid):
-    with pytest.raises(PerdureError, match=f"{option} must be one of {valid}, not 'ice'"):
-        SceneOptions(**{option: "ice"})
+def test_an_unknown_world_is_refused(option, value, valid):
+    with pytest.raises(PerdureError, match=f"{option} must be .*{valid}, not {value!r}"):
+        SceneOptions(**{option: value})

@@ -1,14 +1,16 @@
 """Where skills begin, against the benchmark's own numbers."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
-from lanes import LESSONS
+from lanes import LESSONS, make
 
 from perdure.errors import PerdureError
 from perdure.home.sim.kinematics import gripper_pose
 from perdure.home.sim.occupancy import free_space
 from perdure.home.sim.robot import REST_POSITION, TORSO_HEIGHT
-from perdure.home.sim.scene import SceneOptions
+from perdure.home.sim.scene import LEVERS, SceneOptions
 from perdure.home.sim.simulator import ACTION_SIZE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import get_skill, learned_skills
@@ -227,3 +229,15 @@ def test_navigation_finds_open_what_the_plan_opened_before():
         assert set(start.opened) == expected
         if toward == "close_drawer":
             np.testing.assert_allclose(start.skill_goal.aim, handle(episode.apartment(), drawer, start.opened[drawer]))
+
+
+def test_training_draws_the_rolling_resistance_of_each_episode_and_the_same_draws_give_it_again():
+    drawn = []
+    for _ in range(2):
+        with closing(make("place", "set_table", lanes=24, targets=(1,), rolling=None)) as env:
+            env.reset(seed=5)
+            models = [env.world.simulator(lane).model for lane in range(24)]
+            frictions = [each.geom_friction[each.geom_condim == 6, 2].tolist() for each in models]
+            drawn.append([each[0] if each else 0.0 for each in frictions])
+    assert drawn[0] == drawn[1]
+    assert set(drawn[0]) == set(LEVERS)

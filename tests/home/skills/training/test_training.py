@@ -83,9 +83,9 @@ def test_place_that_must_last_differs_in_nothing_but_how_long(task):
 def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wider, monkeypatch, tmp_path):
     runs = []
     monkeypatch.setattr(train, "train", lambda run, *_, **__: runs.append(run) or [])
-    train_skill(skill, task, (0,), tmp_path, rolling="drag")
+    train_skill(skill, task, (0,), tmp_path)
     (run,) = runs
-    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=drag"} | ({wider} - {""})
+    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=None"} | ({wider} - {""})
     assert wider == "" or wider not in run.command
 
 
@@ -99,7 +99,7 @@ def test_a_policy_says_what_makes_it_again(policy, tmp_path):
         "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=256, split='val', "
         "episodes=2)"
     )
-    command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200, "rolling": "drag"})
+    command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200})
     assert command.format(seed=3) == (
-        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --rolling drag --steps 2000"
+        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --steps 2000"
     )
