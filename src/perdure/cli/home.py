@@ -243,6 +243,7 @@ def train(
         test_episodes: Episodes on val starts after training.
         out: Folder of the runs.
     """
+    from perdure.home.evaluate.plan_starts import record_plan_starts
     from perdure.home.skills.train import evaluate_skill, train_skill
     from perdure.policy import load_policy
     from perdure.runs.progress import show_progress
@@ -251,6 +252,7 @@ def train(
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
     given = {"delta": (delta, 1), "limited_to": (limited_to, None)}
     options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
+    record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as observe:
         paths = train_skill(skill, task, seeds, out, steps, cores=cores, on=on, observe=observe, **options)
     for path in paths:

@@ -21,7 +21,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
 from perdure.home.skills.skill import Skill, SkillProgress, put_rows
-from perdure.home.skills.starts import begin, train_pool
+from perdure.home.skills.starts import Start, begin, read_plan_starts, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
@@ -35,14 +35,14 @@ KINDS: Mapping[str, Kind] = {
     "targets": Maybe(Items(Whole(0, 100))),
     "delta": COUNT,
     "limited_to": Maybe(COUNT),
-    "any_heading": Flag(),
+    "training": Flag(),
     "clutter": Flag(),
     "physics_hz": Whole(SERVO_HZ, 100_000),
-    "rolling": Maybe(Real(0.0, MOST_ROLLING)),
+    "rolling": Real(0.0, MOST_ROLLING),
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
-SKILL_OPTIONS = ("delta", "limited_to", "any_heading")
+SKILL_OPTIONS = ("delta", "limited_to")
 """Options that are fields of a skill."""
 
 
@@ -60,13 +60,13 @@ class SkillEnvOptions:
     """See `Place`."""
     limited_to: int | None = None
     """See `Place`."""
-    any_heading: bool = False
-    """See `Place`."""
+    training: bool = False
+    """Whether each episode draws one of `LEVERS`, and half the start states of `train` are recorded (`PlanStart`)."""
     clutter: bool = False
     """Whether objects that are no targets are in the scene."""
     physics_hz: int = PHYSICS_HZ
-    rolling: float | None = SceneOptions.rolling
-    """See `WorldOptions`; None: one of `LEVERS`, drawn in each episode."""
+    rolling: float = SceneOptions.rolling
+    """See `WorldOptions`."""
     episodes: int | None = None
     """Number of episodes; when None 64 of `train`, one for each apartment, or all published ones."""
 
@@ -106,8 +106,7 @@ class SkillEnvOptions:
     @property
     def scene(self) -> SceneOptions:
         """Return how scenes are built; the target is added for each."""
-        rolling = LEVERS[-1] if self.rolling is None else self.rolling
-        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=rolling)
+        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
 
     def make_skill(self) -> Skill:
         """Return the skill with its own options."""
@@ -162,7 +161,9 @@ class EpisodeSampler:
         """Load the episodes; those of `train` are generated the first time, which needs about a second for each."""
         self._options = options
         self.episodes = options.load()
-        self._draw = options.make_skill().draw_start
+        self._skill = options.make_skill()
+        recorded = options.training and options.split == "train"
+        self._recorded = read_plan_starts(options.task, options.skill) if recorded else {}
 
     def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
         """Begin an episode in a lane and return it."""
@@ -170,8 +171,15 @@ class EpisodeSampler:
         targets = self._options.chosen_targets
         target = targets[int(rng.integers(len(targets)))]
         episode = self.episodes[number]
-        begin(world, lane, self.scene(number, target), self._draw, episode, target, rng)
-        if self._options.rolling is None:
+        recorded = self._recorded.get((number, target))
+
+        def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
+            if recorded and rng.random() < 0.5:
+                return self._skill.recorded_start(episode, recorded[int(rng.integers(len(recorded)))])
+            return self._skill.draw_start(episode, target, rng)
+
+        begin(world, lane, self.scene(number, target), draw, episode, target, rng)
+        if self._options.training:
             world.simulator(lane).set_rolling(LEVERS[int(rng.integers(len(LEVERS)))])
         return episode
 

@@ -20,10 +20,9 @@ from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.sensors import SCAN_RANGE, PrivilegedState, SkillGoal
 from perdure.home.sim.simulator import ARM, FORWARD, GRIP, NAVIGATION_SPEED, STOP, TURN
 from perdure.home.skills import skill as obs
-from perdure.home.skills.articulated import Articulated
 from perdure.home.skills.registry import get_skill
 from perdure.home.skills.skill import Recipe, Skill, SkillProgress
-from perdure.home.skills.starts import Aim, Start, is_drawer, needed_container, region, stand_anywhere
+from perdure.home.skills.starts import Aim, Start, region, stand_anywhere
 from perdure.home.tasks.episodes import Episode
 from perdure.home.tasks.planning import make_plan
 
@@ -120,14 +119,12 @@ class Navigate(Skill):
         return replace(goal, route=space.distances(cells), front=(0.0, 0.0))
 
     def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
-        """Draw a start anywhere, at one of the plan's navigations to this target, as the plan so far leaves the room.
+        """Draw a start anywhere, before one of the plan's navigations to this target, in the room as it is at first.
 
         The object is in the hand if it is placed next (M3, `nav_v1*`).
         """
-        plan = make_plan(episode.home_task)
-        times = [k for k, step in enumerate(plan) if step.skill == self.name and step.target == target]
-        time = times[int(rng.integers(len(times)))]
-        following, opened = self._following(plan[time].toward), opened_before(episode, time)
+        steps = [each for each in make_plan(episode.home_task) if (each.skill, each.target) == (self.name, target)]
+        following, opened = self._following(steps[int(rng.integers(len(steps)))].toward), dict(episode.opened)
         base = stand_anywhere(episode.apartment(), opened, rng)
         start = following.make_start(episode, target, opened, base, rng)
         route = _route(episode.apartment(), tuple(sorted(opened.items())), following.aim(episode, target, opened))
@@ -137,22 +134,6 @@ class Navigate(Skill):
         if toward is None or toward == self.name:
             raise PerdureError("a navigate step needs toward: the name of the next skill, which decides where to go")
         return get_skill(toward)
-
-
-def opened_before(episode: Episode, time: int) -> dict[str, float]:
-    """Return what is open when a step of the plan begins, by link name, if all skills before it succeeded."""
-    opened = dict(episode.opened)
-    for step in make_plan(episode.home_task)[:time]:
-        skill = get_skill(step.skill)
-        if not isinstance(skill, Articulated):
-            continue
-        link = needed_container(episode, step.target)
-        positions = DRAWER_OPEN if is_drawer(episode.apartment(), link) else FRIDGE_OPEN
-        if skill.closes:
-            opened.pop(link, None)
-        else:
-            opened[link] = positions[episode.index % len(positions)]
-    return opened
 
 
 def counted_way(state: PrivilegedState) -> FloatArray:

@@ -9,25 +9,17 @@ from typing import ClassVar
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, FloatArray
-from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.sim.robot import REST_ARM, ROLLS
 from perdure.home.sim.sensors import NEIGHBORHOOD, NEIGHBORS, PrivilegedState, norm, wrap
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, GRIP
 from perdure.home.skills import skill as obs
-from perdure.home.skills.articulated import OpenFridge
 from perdure.home.skills.skill import PROPRIOCEPTION, RETRACTED, Recipe, Skill, SkillProgress
-from perdure.home.skills.starts import Rectangle, Start, stand_in
-from perdure.home.tasks.episodes import Episode
 
 DISTANCE_REWARD = 4.0
 GRASP_REWARD = 1.0
 FORCE_LIMIT = 5000.0
 LEAD = 0.3
 """Clip of the `lead` element in [m]."""
-JUST_OPENED = (1.4, 1.7)
-"""Uniform range of the door position that `open_fridge` leaves, in [rad]."""
-ARRIVED = Rectangle((1.6, 1.9), 0.5)
-"""Where `navigate` stops in front of the fridge, in the fridge's frame."""
 
 
 def _neighbors(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
@@ -67,12 +59,7 @@ CONFUSABLE = obs.ObservationTerm(
 
 @dataclass(frozen=True)
 class Pick(Skill):
-    """M3's reward. The observation of neighbors and contact is our choice.
-
-    Where the plan opens the fridge first, half the start states are as the previous skills leave them (our choice): the
-    door is at about 90 degrees, and the robot may stand in front of its edge. M3's door position is uniform up to wide
-    open. A policy trained on that alone did not get past the door in 10 of 100 task plans.
-    """
+    """M3's reward. The observation of neighbors and contact is our choice."""
 
     name = "pick"
     observation = (
@@ -142,17 +129,6 @@ class Pick(Skill):
     def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """See `Skill.remember`."""
         return super().remember(replace(progress, grasped=progress.grasped | state.holds_target), state)
-
-    def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
-        """See the class."""
-        closed_fridge = episode.container(target) == FRIDGE_DOOR and FRIDGE_DOOR not in episode.opened
-        if not closed_fridge or rng.random() >= 0.5:
-            return super().draw_start(episode, target, rng)
-        opened = {FRIDGE_DOOR: float(rng.uniform(*JUST_OPENED))}
-        apartment, point = episode.apartment(), episode.objects[target].position
-        fridge = apartment.piece_of(FRIDGE_DOOR).pose
-        base = stand_in(apartment, fridge, (ARRIVED, *OpenFridge.start_rectangles), point, rng)
-        return self.make_start(episode, target, opened, base, rng)
 
 
 DONE = 0.05

@@ -11,7 +11,6 @@ import numpy as np
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.pieces import Pose
 from perdure.home.sim.sensors import PrivilegedState, norm
 from perdure.home.sim.simulator import GRIP
 from perdure.home.skills import skill as obs
@@ -63,10 +62,10 @@ class Place(Skill):
     )
     failures: ClassVar = {"wrong drop": "the first release is outside the goal region", **Skill.failures}
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
-    # SetTable: with the usual noise one of three seeds fails; random headings help a little. PrepareGroceries: half the
+    # SetTable: with the usual noise one of three seeds fails. PrepareGroceries: half the
     # steps are enough for goals in the open, but not for the fridge.
     task_recipes: ClassVar = {
-        "set_table": Recipe(4_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.1, 0.8), any_heading=True),
+        "set_table": Recipe(4_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.1, 0.8)),
         "prepare_groceries": Recipe(4_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),
     }
     grip_text = "below 0: let go; place never grasps"
@@ -78,8 +77,6 @@ class Place(Skill):
     """Delta: number of steps the object must stay."""
     limited_to: int | None = None
     """Step limit; 200 + Delta (200 for Delta = 1) when None."""
-    any_heading: bool = False
-    """Whether half the start states have a random heading (our choice); else, as in M3, every robot faces the goal."""
 
     def __post_init__(self) -> None:
         """Check the options; raise PerdureError for a delta below 1 or a limit shorter than delta."""
@@ -165,13 +162,6 @@ class Place(Skill):
     def placement(self, episode: Episode, target: int) -> Placement:
         """Return the target's goal."""
         return episode.goals[target]
-
-    def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
-        """See `Skill.draw_base` and `any_heading`."""
-        base = super().draw_base(episode, target, rng)
-        if self.any_heading and rng.random() < 0.5:
-            base = Pose(base.x, base.y, 2.0 * np.pi * float(rng.random()))
-        return base
 
 
 def left_to_carry(state: PrivilegedState) -> FloatArray:

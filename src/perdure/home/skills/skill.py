@@ -104,13 +104,11 @@ class Recipe:
     gamma: float = 0.99
     clutter: bool = False
     """Train with the objects that are no targets. They cost time, and only pick must tell them from its target."""
-    any_heading: bool = False
-    """Train place with `Place.any_heading`."""
 
     @property
     def env_options(self) -> dict[str, object]:
-        """Return environment options of training only; policies are scored with clutter and M3's headings."""
-        return {name: True for name in ("clutter", "any_heading") if getattr(self, name)} | {"rolling": None}
+        """Return environment options of training only; policies are scored with clutter from M3's start states."""
+        return {**({"clutter": True} if self.clutter else {}), "training": True}
 
 
 SECTORS = BEAMS // 2
@@ -446,6 +444,13 @@ class Skill(ABC):
             held=0 if self.object_at_start == "gripper" else -1,
             moved=moved[self.object_at_start],
         )
+
+    def recorded_start(self, episode: Episode, row: starts.PlanStart) -> starts.Start:
+        """Return a recorded start state in its episode."""
+        (_, target, toward), (position, quaternion), held = row.step, row.pose, "place" in row.step
+        moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
+        goal = replace(self.skill_goal(episode, target, row.opened, toward), target=0)
+        return starts.Start(Pose(*row.base), np.array(row.arm), goal, row.opened, held - 1, {} if held else moved)
 
     def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:
         """Return observations. Shape (n, len(elements))."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import split_apartments
-from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Quaternion, Vec3
 from perdure.home.sim.kinematics import gripper_pose, toward
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import FreeSpace, free_space
@@ -29,6 +29,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode, EpisodeSet, read_episodes, write_episodes
 from perdure.home.tasks.generation import generate_episode
 from perdure.home.tasks.tasks import get_task
+from perdure.schema import Record, read_json
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,20 @@ class Start:
     """Number of the held object, -1 for none."""
     moved: Mapping[int, Placement] = field(default_factory=dict)
     """Placements of objects that have moved since the episode's start, by number."""
+
+
+class PlanStart(Record, frozen=True):
+    """The state before a skill of a task's plan; `perdure.home.evaluate.plan_starts` records it."""
+
+    episode: int
+    """Number in the pool of training episodes."""
+    step: tuple[str, int, str | None]
+    """Skill, target and, for navigate, the next skill."""
+    base: Vec3
+    arm: tuple[float, ...]
+    opened: dict[str, float]
+    pose: tuple[Vec3, Quaternion]
+    """Of the target."""
 
 
 Draw = Callable[[Episode, int, np.random.Generator], Start]
@@ -366,6 +381,22 @@ def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
     return pool
 
 
+def plan_starts_file(task: str) -> Path:
+    """Return the file of the recorded start states of a task."""
+    return cache_folder() / f"{task}_starts_{fingerprint()}.json"
+
+
+def read_plan_starts(task: str, skill: str) -> dict[tuple[int, int], list[PlanStart]]:
+    """Return the recorded start states of a skill by episode and target; PerdureError when nothing was recorded."""
+    if not (path := plan_starts_file(task)).exists():
+        raise PerdureError(f"{path} is missing: `perdure home train` or `record_plan_starts({task!r})` makes it")
+    found: dict[tuple[int, int], list[PlanStart]] = {}
+    for row in read_json(path.read_bytes(), list[PlanStart]):
+        if row.step[0] == skill:
+            found.setdefault((row.episode, row.step[1]), []).append(row)
+    return found
+
+
 def cache_folder() -> Path:
     """Return the folder of the pools: `$XDG_CACHE_HOME/perdure/episodes`; `~/.cache` where the variable is not set."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
@@ -387,11 +418,8 @@ def _make(task: str, count: int, seed: int) -> EpisodeSet:
     apartments, made = _spread(), []
     for index in range(count):
         made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], seed))
-        message = f"making training episodes of {task}: {index + 1} of {count}"
-        if sys.stderr.isatty():
-            print(f"\r{message}", end="\n" if index + 1 == count else "", file=sys.stderr, flush=True)
-        elif index + 1 in (1, count):
-            print(message, file=sys.stderr, flush=True)
+        if index + 1 in (1, count):
+            print(f"making training episodes of {task}: {index + 1} of {count}", file=sys.stderr, flush=True)
     return EpisodeSet(task, "train", {"seed": str(seed), "mujoco": version("mujoco")}, tuple(made))
 
 

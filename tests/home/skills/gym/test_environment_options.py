@@ -33,7 +33,7 @@ from perdure.home.skills.gym import SkillEnvOptions, env_id
         ({"targets": True}, "targets.* must be int, not bool"),
         ({"targets": 1.5}, "targets.* must be int, not float"),
         ({"clutter": "no"}, "clutter must be true or false, not 'no'"),
-        ({"any_heading": "off"}, "any_heading must be true or false, not 'off'"),
+        ({"training": "off"}, "training must be true or false, not 'off'"),
         ({"task": ["set_table"]}, "task must be one of .*'set_table'"),
         ({"skill": None}, "skill must be text"),
         ({"physics_hz": 120.0}, "physics_hz must be a whole number from 120 .*, not 120.0"),

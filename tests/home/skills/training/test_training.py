@@ -78,14 +78,14 @@ def test_place_that_must_last_differs_in_nothing_but_how_long(task):
 
 @pytest.mark.parametrize(
     ("skill", "task", "wider"),
-    [("place", "set_table", "any_heading=True"), ("place", "tidy_house", ""), ("pick", "tidy_house", "clutter=True")],
+    [("place", "set_table", ""), ("pick", "tidy_house", "clutter=True")],
 )
 def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wider, monkeypatch, tmp_path):
     runs = []
     monkeypatch.setattr(train, "train", lambda run, *_, **__: runs.append(run) or [])
     train_skill(skill, task, (0,), tmp_path)
     (run,) = runs
-    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "rolling=None"} | ({wider} - {""})
+    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "training=True"} | ({wider} - {""})
     assert wider == "" or wider not in run.command
 
 

@@ -1,0 +1,51 @@
+"""Record start states for training: the states before the skills of a task's plan, in a closed loop."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
+from perdure.home.evaluate.policies import make_agents
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.sim.simulator import ARM_FROM, ARM_TO
+from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.skills.starts import TOUCH, PlanStart, open_links, plan_starts_file, touching, train_pool
+from perdure.runs import write_atomic
+
+POLICY_SETS = 3
+
+
+def record_plan_starts(task: str) -> None:
+    """Run the training episodes with the shipped policies and store the states; nothing where that is done."""
+    if (path := plan_starts_file(task)).exists():
+        return
+    print(f"recording start states of {task} (once, some minutes)", file=sys.stderr, flush=True)
+    rows: list[PlanStart] = []
+    for seed in range(POLICY_SETS):
+        protocol = EvaluationProtocol(task, options=ExecutorOptions(eval_seed=seed, planner="closed"))
+        executor = Executor(protocol.skills(), make_agents(protocol.policies_of(seed), "rl"), protocol.options)
+        for _ in executor.run(train_pool(task).episodes, lambda *now: rows.extend(found_states(*now))):
+            pass
+    write_atomic(path, msgspec.json.encode(rows))
+
+
+def found_states(world: VectorSimulator, running: Mapping[int, Running]) -> list[PlanStart]:
+    """Return the states of lanes in which a skill begins, free of contact and with what it expects in hand."""
+    found = []
+    for lane, each in running.items():
+        step, simulator = each.current, world.simulator(lane)
+        if step is None or each.step != each.began or step.skill == "reset_arm" or touching(simulator) > TOUCH:
+            continue
+        what = step.skill, step.target, step.toward
+        if (simulator.held, simulator.held_link) != (step.target if "place" in what else -1, -1):
+            continue
+        x, y, yaw, *robot = np.round(simulator.robot, 4).tolist()
+        opened = {**dict.fromkeys(each.episode.opened, 0.0), **open_links(simulator)}
+        a, b, c, w, i, j, k = np.round(simulator.object(step.target)[0], 5).tolist()
+        base, arm, pose = (x, y, yaw), tuple(robot[ARM_FROM - 3 : ARM_TO - 3]), ((a, b, c), (w, i, j, k))
+        found.append(PlanStart(each.episode.index, what, base, arm, opened, pose))
+    return found

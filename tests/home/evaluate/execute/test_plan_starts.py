@@ -1,0 +1,85 @@
+"""Start states recorded from plans: what they hold, and that an environment begins in them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from perdure.errors import PerdureError
+from perdure.home.evaluate import plan_starts
+from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.skills import environment, get_skill
+from perdure.home.skills.environment import HomeSkillVectorEnv, SkillEnvOptions
+from perdure.home.skills.starts import TOUCH, put, read_plan_starts, touching
+from perdure.home.tasks.episodes import load_episodes
+
+POOL = SimpleNamespace(episodes=load_episodes("set_table", "val").episodes[:2])
+USED = {
+    **{"pick": {0, 1}, "place": {0, 1}, "navigate": {0, 1}},
+    **{"open_drawer": {0}, "close_drawer": {0}, "open_fridge": {1}, "close_fridge": {1}},
+}
+"""The targets with which SetTable uses each skill."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def recorded(tmp_path_factory):
+    """Two episodes that stand for the training pool, in a cache folder of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr(plan_starts, "train_pool", lambda task: POOL)
+        patch.setattr(environment, "train_pool", lambda task, count=2: POOL)
+        patch.setattr(plan_starts, "POLICY_SETS", 1)
+        plan_starts.record_plan_starts("set_table")
+        yield {skill: read_plan_starts("set_table", skill) for skill in USED}
+
+
+def restored(skill, number, row):
+    """A lane of an environment that was brought to a recorded state."""
+    env = HomeSkillVectorEnv(skill=skill, task="set_table", threads=1)
+    env.reset(seed=0)
+    start = get_skill(skill).recorded_start(POOL.episodes[number], row)
+    put(env.world, 0, env.sampler.scene(number, row.step[1]), start)
+    return env, start
+
+
+@pytest.mark.parametrize("skill", USED)
+def test_a_plan_leaves_start_states_of_every_skill_and_a_lane_can_begin_in_them(skill, recorded):
+    assert {target for _, target in recorded[skill]} == USED[skill]
+    for (number, target), rows in recorded[skill].items():
+        row = rows[0]
+        env, start = restored(skill, number, row)
+        lane, state = env.world.simulator(0), env.world.sense()
+        assert touching(lane) <= 2 * TOUCH  # the record is rounded to 0.1 mm
+        assert state.base[0] == pytest.approx(row.base)
+        assert state.object[0] == pytest.approx(row.pose[0], abs=0.005)  # a held one hangs on the gripper point
+        assert state.goal[0] == pytest.approx(POOL.episodes[number].goals[target].position)
+        assert (lane.held == 0) == ("place" in row.step)
+        assert (start.skill_goal.route is not None) == (skill == "navigate")
+        env.close()
+
+
+def test_what_the_plan_did_before_is_in_the_states(recorded):
+    """The benchmark's conditions of the stage before: a fridge is open from 1.42 rad, an object placed at 0.15 m."""
+    picks = [row for (_, target), rows in recorded["pick"].items() if target == 1 for row in rows]
+    assert min(row.opened[FRIDGE_DOOR] for row in picks) >= 1.4
+    for (number, target), rows in recorded["close_fridge"].items():
+        goal = POOL.episodes[number].goals[target].position
+        assert np.linalg.norm(np.subtract(rows[0].pose[0], goal)) < 0.15
+    assert not any(FRIDGE_DOOR in row.opened for rows in recorded["open_drawer"].values() for row in rows)
+
+
+def test_half_the_starts_of_training_are_recorded_ones(recorded):
+    known = {row.base for rows in recorded["place"].values() for row in rows}
+    options = {"skill": "place", "task": "set_table", "episodes": 2, "threads": 1}
+    for training, low, high in ((True, 0.3, 0.7), (False, 0.0, 0.0)):
+        env = HomeSkillVectorEnv(60, training=training, **options)
+        env.reset(seed=0)
+        share = np.mean([tuple(base) in known for base in env.world.sense().base.tolist()])
+        assert low <= share <= high
+        env.close()
+
+
+def test_without_a_record_training_says_what_makes_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(PerdureError, match="record_plan_starts"):
+        environment.EpisodeSampler(SkillEnvOptions("place", "set_table", training=True))
