@@ -8,7 +8,7 @@ from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_
 
 from perdure.home.sim.robot import REST_ARM
 from perdure.home.sim.simulator import ARM, GRIP
-from perdure.home.skills import CloseDrawer, Navigate, OpenDrawer, Pick, Place, ResetArm, get_skill
+from perdure.home.skills import CloseDrawer, Navigate, OpenDrawer, OpenFridge, Pick, Place, ResetArm, get_skill
 
 HELD = state(held=BOWL, object=[1.0, 0.5, 0.8])
 
@@ -101,6 +101,13 @@ def test_opening_earns_2_per_metre_of_approach_1_for_the_grasp_2_per_metre_of_jo
     assert step_reward(skill, held, there, change(there, held_link=-1))[0] == close(1.0)
     gone = change(there, held_link=-1)
     assert step_reward(skill, held, there, gone, change(gone, **gripper_off(0.2)))[0] == close(2 * 0.1)
+
+
+def test_the_fridge_earns_2_per_radian_beyond_the_angle_of_success():
+    """M3 accepts pi/2 - 0.15 = 1.42 rad; whoever stops there loses the stage at the next touch."""
+    skill, held = OpenFridge(), state(link_position=1.43, held_link=DRAWER)
+    moved = [step_reward(skill, held, change(held, link_position=q))[1]["move"] for q in (1.33, 1.53, 1.83)]
+    assert moved == pytest.approx([-0.2, 0.2, 0.8])
 
 
 def test_a_drawer_moved_without_holding_its_handle_earns_nothing():

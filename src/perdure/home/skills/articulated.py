@@ -218,10 +218,10 @@ OPENED = np.pi / 2.0 - 0.15
 
 @dataclass(frozen=True)
 class OpenFridge(Articulated):
-    """M3's success condition and start states (`open_fridge_v0A`)."""
+    """M3's success condition and start states (`open_fridge_v0A`). Opening further is paid: a touch closes the door."""
 
     name = "open_fridge"
-    wanted, accepted = OPENED, (OPENED, np.inf)
+    wanted, accepted = np.pi / 2.0 + 0.3, (OPENED, np.inf)
     success_text = success_text("the door is at pi/2 - 0.15 rad or beyond")
     start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
     navigation_region = Rectangle((0.9, 1.8), 0.5)
