@@ -20,7 +20,7 @@ from perdure.report.charts import Format
 if TYPE_CHECKING:
     from perdure.horizon import Clock
     from perdure.learn import PPOConfig
-    from perdure.policy import Policy
+    from perdure.policy import PolicyLike
 
 PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A policy file, or the name of a shipped policy.")]
 Normalizer = Annotated[
@@ -316,7 +316,7 @@ def export(
     print(export_onnx(loaded, out, read_clock("--clock", clock, loaded)))
 
 
-def read_clock(flag: str, text: str | None, policy: Policy, steps: int | None = None) -> Clock | None:
+def read_clock(flag: str, text: str | None, policy: PolicyLike, steps: int | None = None) -> Clock | None:
     """Return the clock that a flag names; None if the flag is left out.
 
     Args:
@@ -334,11 +334,12 @@ def read_clock(flag: str, text: str | None, policy: Policy, steps: int | None = 
     if text is None:
         return None
     if text == "default":
-        if policy.clock is None:
+        own: Clock | None = getattr(policy, "clock", None)
+        if own is None:
             raise PerdureError(
                 f"{flag} default: this {policy.task.name} policy has no time-to-go input, so it takes no clock"
             )
-        return policy.clock
+        return own
     return Countdown(float(steps)) if text == "countdown" and steps is not None else parse_clock(text)
 
 
@@ -395,9 +396,11 @@ def write_and_show(
 
 def watch(
     policy: PolicyName,
+    env: str | None = None,
     clock: str | None = None,
     until_failure: bool = False,
     beside: str | None = None,
+    disturb: tuple[str, ...] = (),
     out: Path = Path("film.mp4"),
     steps: int = 10_000,
     eval_seeds: int = 10,
@@ -410,32 +413,42 @@ def watch(
     the search for a failure, use Gymnasium's environment of the same name, on another build of MuJoCo.
 
     Args:
+        env: For model.onnx: its environment, or the contract of its robot.
         clock: Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its
             own clock), which is used if left out.
         until_failure: Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s.
         beside: A second clock, such as constant:500, from the same start state: two films side by side.
+        disturb: What disturbs the episode, such as push:0.5. Without --beside, a calm episode is shown beside it.
         out: The film: .mp4 or .gif.
         steps: Steps of each episode, unless it ends earlier.
         eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: First start state.
         modules: Python modules that the policy's task may import.
     """
+    from perdure.envs import task_of_environment
     from perdure.evaluate import watch as films
-    from perdure.policy import load_policy
+    from perdure.evaluate.stored import read_file
+    from perdure.policy import find_policy
+    from perdure.policy.onnx import is_onnx, model_digest
 
-    loaded = load_policy(policy)
+    if is_onnx(policy) == (env is None):
+        raise PerdureError(f"--env: only an ONNX model needs one, other policies name theirs; got {policy} with {env}")
+    file = Path(policy) if env else find_policy(policy)
+    loaded = read_file(file, model_digest(file), task_of_environment(env) if env else "", None)
     film = films.watch(
         loaded,
         out,
         clock=read_clock("--clock", clock, loaded, steps),
         beside=read_clock("--beside", beside, loaded, steps),
+        disturb=disturb,
         until_failure=until_failure,
         steps=steps,
         eval_seeds=eval_seeds,
         first_eval_seed=first_eval_seed,
         modules=modules,
     )
-    build = "" if loaded.task.name.startswith("gymnasium:") else "; a policy of EnvPool was trained on another build"
+    known = env or loaded.task.name.startswith("gymnasium:")
+    build = "" if known else "; a policy of EnvPool was trained on another build"
     print(*film.sentences, f"Filmed in {film.world}{build}.", sep="\n")
     print(f"\nFilm: {film.path.resolve()}")
 

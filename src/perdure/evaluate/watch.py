@@ -18,37 +18,39 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.disturbances import Disturbance, parse_disturbances
+from perdure.disturbances import Disturbance, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
 from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.gymnasium import call, engine_of, make_env
-from perdure.envs.suites import GYMNASIUM_PREFIX
+from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
 from perdure.evaluate.reference import idle_baseline, with_reference
 from perdure.evaluate.score import ScoreScale, make_score_scale, published_rate
+from perdure.evaluate.stored import read_file
 from perdure.evaluate.table import episode_table, file_note, judge_table
 from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, annotate, check_film, save_picture, tile, write_film
 from perdure.horizon import Clock, parse_clock
-from perdure.policy import ClosedLoop, EpisodePolicy, Policy, load_policy
+from perdure.policy import ClosedLoop, EpisodePolicy, Policy, PolicyLike
 from perdure.policy.network import one_thread
-from perdure.policy.onnx import is_onnx
+from perdure.policy.onnx import model_digest
 from perdure.report import wording
 from perdure.report.goals import GOOD, REACHES
 from perdure.report.groups import NO_CLOCK
 from perdure.report.page import STILLS
-from perdure.runs import Unit, Work, config_digest, file_digest, run_missing, versions, write_atomic
+from perdure.runs import Unit, Work, config_digest, run_missing, versions, write_atomic
 
 if TYPE_CHECKING:
     import polars as pl
 
 FAILURES = ("falls", "fails silently", "decays", "diverges")
+Met: TypeAlias = tuple[Disturbance, ...]
 BEFORE, AFTER = 5.0, 1.0
 """Seconds shown before a failure and after it."""
 MOST_WINDOW = 10.0
@@ -69,8 +71,8 @@ BODY = 1
 AZIMUTH, ELEVATION = 90.0, -15.0
 """From the side on which Gymnasium's robots run to the right, in degrees."""
 
-ROBOTS = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "InvertedDoublePendulum", "InvertedPendulum",
-          "Pusher", "Reacher", "Swimmer", "Walker2d")  # fmt: skip
+ENVPOOL = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "InvertedDoublePendulum", "InvertedPendulum",
+           "Pusher", "Reacher", "Swimmer", "Walker2d")  # fmt: skip
 """EnvPool's tasks that Gymnasium has under the same name."""
 VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
 """EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
@@ -92,7 +94,7 @@ class JudgedEpisode:
     end_step: int
     total: float
     """Its return."""
-    disturbances: tuple[Disturbance, ...] = ()
+    disturbances: Met = ()
     """What it meets."""
 
     @property
@@ -102,8 +104,9 @@ class JudgedEpisode:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Clock and outcome in words."""
-        clock = self.clock and wording.clock(self.clock.name, f"{self.clock.steps:,.0f}")
+        """Clock and disturbances, and outcome, in words."""
+        told = [] if self.clock is None else [wording.clock(self.clock.name, f"{self.clock.steps:,.0f}")]
+        told += [f"under {labels(self.disturbances)}"] if self.disturbances else []
         outcome = self.outcome
         if outcome in ("falls", "diverges", REACHES):
             outcome += f" at step {self.end_step:,}"
@@ -111,7 +114,7 @@ class JudgedEpisode:
             outcome += f" from step {self.failed_step:,}"
         elif outcome == "holds":
             outcome += f" for {self.end_step:,} steps"
-        return clock or "no time-to-go input", outcome
+        return ", ".join(told) or "calm", outcome
 
 
 @dataclass(frozen=True)
@@ -133,11 +136,12 @@ class Film:
 
 
 def watch(
-    policy: Policy,
+    policy: PolicyLike,
     out: str | Path,
     *,
     clock: Clock | None = None,
     beside: Clock | None = None,
+    disturb: Sequence[str] = (),
     until_failure: bool = False,
     steps: int = 10_000,
     eval_seeds: int = 10,
@@ -152,6 +156,7 @@ def watch(
         out: The film, .mp4 or .gif.
         clock: Clock of the policy; None: its own clock.
         beside: A second clock, from the same start state, over the same steps.
+        disturb: What the episode meets, such as push:0.5. A calm episode is shown beside it, unless there is `beside`.
         until_failure: Search for the first start state from which the policy fails under ``clock``, and film 5 s before
             the failure and 1 s after it. Otherwise film the first 6 s from the first start state.
         steps: Steps of each episode, unless it ends earlier.
@@ -170,16 +175,18 @@ def watch(
         raise PerdureError(f"steps and eval_seeds must be at least 1, got {steps} and {eval_seeds}")
     if first_eval_seed < 0:
         raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
-    clock = clock or policy.clock
+    clock, met = clock or getattr(policy, "clock", None), parse_disturbances(disturb)
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     refuse_import(policy.task.name, modules, "the policy")
     render_env = find_render_env(policy.task.name, policy.task.observation_size)
     judge = Judge(policy, render_env.open(), steps)
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
-    episode = judge.first_failure(clock, seeds) if until_failure else judge.judge(clock, seeds[:1])[0]
-    episodes = [episode] if beside is None else [episode, *judge.judge(beside, [episode.eval_seed])]
-    episodes.sort(key=lambda each: each.outcome not in GOOD)
+    episode = judge.first_failure(clock, seeds, met) if until_failure else judge.judge(clock, seeds[:1], met)[0]
+    episodes = [episode]
+    if beside is not None or met:
+        episodes += judge.judge(beside or clock, [episode.eval_seed], () if beside is None else met)
+    episodes.sort(key=lambda each: (each.outcome not in GOOD, bool(each.disturbances)))
     with closing(render_env.build()) as env:
         shown, rate = _shown_steps(env, judge.scale, episode if until_failure else None)
         world = f"{render_env.env_id}, {engine_of(env)}"
@@ -205,7 +212,7 @@ class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
 
 @dataclass(frozen=True)
 class RenderEnv:
-    """An environment of Gymnasium: one of its MuJoCo robots, or any other that renders rgb_array."""
+    """An environment of Gymnasium: one of its MuJoCo robots, any other that renders rgb_array, or a contract."""
 
     env_id: str
     forces: int | None = None
@@ -213,6 +220,8 @@ class RenderEnv:
 
     def build(self) -> Any:
         """Return a new environment without a step limit."""
+        if is_contract(self.env_id):
+            return make_env(f"{ROBOTS}:perdure/VelocityCommand-v0", robot=self.env_id, render_mode="rgb_array")
         env = make_env(self.env_id)
         if not hasattr(env.unwrapped, "mujoco_renderer"):
             modes = env.metadata.get("render_modes", [])
@@ -224,7 +233,7 @@ class RenderEnv:
 
     def open(self) -> OpenEnv:
         """Return a source of worlds of this environment."""
-        name = f"{GYMNASIUM_PREFIX}{self.env_id}"
+        name = self.env_id if is_contract(self.env_id) else f"{GYMNASIUM_PREFIX}{self.env_id}"
         spec = task_spec(name)
         limit = spec.default_horizon if spec.has_step_limit else None
         return OpenEnv(lambda seeds: GymnasiumWorld([self.build] * len(seeds), seeds, name, default_horizon=limit))
@@ -240,12 +249,12 @@ def find_render_env(task: str, observation_size: int) -> RenderEnv:
     Raises:
         PerdureError: If there is none.
     """
-    if task.startswith(GYMNASIUM_PREFIX):
+    if task.startswith(GYMNASIUM_PREFIX) or is_contract(task):
         return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))
     robot, _, version = task.partition("-")
-    if robot not in ROBOTS or version not in VERSIONS:
+    if robot not in ENVPOOL or version not in VERSIONS:
         raise PerdureError(
-            f"{task} cannot be filmed; films exist for {', '.join(ROBOTS)}, and for environments of Gymnasium that "
+            f"{task} cannot be filmed; films exist for {', '.join(ENVPOOL)}, and for environments of Gymnasium that "
             "render rgb_array (gymnasium:ID); for the home benchmark, see perdure home video"
         )
     return RenderEnv(f"{robot}-{VERSIONS[version]}", observation_size if (robot, version) in ZERO_FORCES else None)
@@ -254,7 +263,7 @@ def find_render_env(task: str, observation_size: int) -> RenderEnv:
 class Judge:
     """Judges episodes of one policy; also measures its episodes within the training horizon."""
 
-    def __init__(self, policy: Policy, source: OpenEnv, steps: int) -> None:
+    def __init__(self, policy: PolicyLike, source: OpenEnv, steps: int) -> None:
         """Measure idle robots and the policy itself.
 
         Args:
@@ -263,31 +272,26 @@ class Judge:
             steps: Length of each episode in steps, if nothing ends it earlier.
         """
         # The stored reference may have been measured with another engine.
-        measured = with_reference(replace(policy, reference=None), source)
-        assert isinstance(measured, Policy)
+        measured = with_reference(replace(policy, reference=None) if isinstance(policy, Policy) else policy, source)
         assert measured.reference is not None
         self.policy, self._source, self._steps = measured, source, steps
         self.scale: ScoreScale = make_score_scale(
             measured.reference, idle_baseline(source), published_rate(policy.task.name)
         )
 
-    def judge(self, clock: Clock | None, eval_seeds: Sequence[int]) -> list[JudgedEpisode]:
+    def judge(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> list[JudgedEpisode]:
         """Run one episode from each start state."""
-        episodes = [EpisodeSpec(0, clock, seed, steps=self._steps) for seed in eval_seeds]
-        world = self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])
-        try:
+        episodes = [EpisodeSpec(0, clock, seed, met, self._steps) for seed in eval_seeds]
+        with closing(self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])) as world:
             records = evaluate_episodes([self.policy], episodes, world=world)
-        finally:
-            world.close()
         frame = judge_table(episode_table(["policy"], [self.policy], episodes, records), [self.scale] * len(episodes))
-        return [
-            JudgedEpisode(clock, row["eval_seed"], row["outcome"], row["failed_step"], row["end_step"], row["return"])
-            for row in frame.filter(frame["step"] == self._steps).iter_rows(named=True)
-        ]
+        last = frame.filter(frame["step"] == self._steps)
+        rows = last.select("eval_seed", "outcome", "failed_step", "end_step", "return").iter_rows()
+        return [JudgedEpisode(clock, seed, outcome, at, end, total, met) for seed, outcome, at, end, total in rows]
 
-    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int]) -> JudgedEpisode:
+    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> JudgedEpisode:
         """Return the first of these episodes that fails; PerdureError if none does."""
-        for episode in self.judge(clock, eval_seeds):
+        for episode in self.judge(clock, eval_seeds, met):
             if episode.failed:
                 return episode
         raise PerdureError(
@@ -308,7 +312,7 @@ class Instant:
     """The environment in the state after this step."""
 
 
-def replay(policy: Policy, episode: JudgedEpisode, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
+def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
     """Yield each step of a judged episode, and of what the robot does after its end, up to step ``stop``.
 
     Raises:
@@ -333,9 +337,9 @@ def replay(policy: Policy, episode: JudgedEpisode, render_env: RenderEnv, stop: 
                 raise PerdureError(
                     f"the episode returned {total:.6g} when it was filmed and {episode.total:.6g} when judged"
                 )
-            observations, space = result.observations, env.action_space
+            observations, space, acting = result.observations, env.action_space, policy.start([episode.clock])
             for step in range(episode.end_step + 1, stop + 1):
-                action = policy.act(observations, np.array([step - 1.0]), episode.clock)[0]
+                action = acting.act(observations, step - 1)[0]
                 observation, reward, *_ = env.step(action.reshape(space.shape).astype(space.dtype))
                 observations = np.asarray(observation, np.float64)[None]
                 yield Instant(step, float(reward), total, env)
@@ -444,16 +448,13 @@ def add_stills(
         on: Where, see `perdure.runs.make_workers`.
     """
     (out / STILLS).unlink(missing_ok=True)
-    files = {file_digest(path): path.resolve() for path in policies if not is_onnx(path)}
-    last, found = (
-        frame.filter((frame["step"] == frame["test_horizon"]) & frame["outcome"].is_in(list(AROUND))),
-        list[Any](),
-    )
-    for row in last.iter_rows(named=True):
+    files = {model_digest(path): path.resolve() for path in policies}
+    failed, found = frame["outcome"].is_in(list(AROUND)), list[Any]()
+    for row in frame.filter((frame["step"] == frame["test_horizon"]) & failed).iter_rows(named=True):
         left_out = row["not_applied"].split(", ")
         met = tuple(each for each in parse_disturbances(row["disturbance"].split()) if each.name not in left_out)
         task, file = disturbed_task(row["task"], met), notes.get(file_note(row["policy"], row["train_seed"]))
-        if task.startswith(GYMNASIUM_PREFIX) and file in files:
+        if (task.startswith(GYMNASIUM_PREFIX) or is_contract(task)) and file in files:
             clock = None if row["clock"] == NO_CLOCK else parse_clock(row["clock"])
             at = row["end_step"] if row["outcome"] == "falls" else max(1, row["failed_step"])
             ends = row["outcome"], at, row["end_step"], row["return"]
@@ -464,16 +465,16 @@ def add_stills(
         return
     *_, file, task, who, episode = min(found)
     config = {"policy": file, "episode": f"{task} {who} {episode}", **versions("gymnasium", "mujoco", "pillow")}
-    arguments = {"path": files[file], "task": task, "who": who, "episode": episode}
+    arguments = {"path": files[file], "digest": file, "task": task, "who": who, "episode": episode}
     unit = Unit(f"failure/{config_digest(config)[:16]}", config, f"{__name__}:draw_stills", arguments)
     with suppress(Exception):  # whatever an environment or a driver does: the evaluation is finished
         run_missing([unit], out, on, cores=1)
         write_atomic(out / STILLS, (out / unit.key / STILLS).read_bytes())
 
 
-def draw_stills(work: Work, *, path: Path, task: str, who: str, episode: JudgedEpisode) -> None:
+def draw_stills(work: Work, *, path: Path, digest: str, task: str, who: str, episode: JudgedEpisode) -> None:
     """Draw the stills of an episode into the work folder; the function of a unit."""
-    policy, pictures = load_policy(path), list[Picture]()
+    policy, pictures = read_file(path, digest, task, None), list[Picture]()
     render_env = find_render_env(task, policy.task.observation_size)
     with closing(render_env.build()) as env:
         at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"
@@ -488,7 +489,7 @@ def draw_stills(work: Work, *, path: Path, task: str, who: str, episode: JudgedE
                 color = INK if instant.step < at else RED
                 said = [(BELOW, [(f"step {instant.step:,}: {captions[instant.step]}", color)])]
                 pictures.append(annotate(take(), below=said, edge=None if instant.step < at else RED))
-    clock, outcome = episode.words
+    outcome, clock = episode.words[1], replace(episode, disturbances=()).words[0]
     who += (f", {clock}" if episode.clock else "") + f", start state {episode.eval_seed}: {outcome}"
     above = [(SUBTITLE, [(who, RED)]), (SUBTITLE, [(world, GRAY)])]
     (work.folder / STILLS).unlink(missing_ok=True)  # of an attempt that was interrupted

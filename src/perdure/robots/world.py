@@ -52,7 +52,9 @@ def compiled(contract: Contract, visual: bool) -> Any:
         for each in (*spec.keys, *spec.sensors, *spec.actuators):
             spec.delete(each)
         if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.worldbody.geoms):
-            spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+            floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+            if visual:
+                _decorate(spec, floor)
         for index, name in enumerate(contract.joints):
             _add_controller(spec, contract, index, limits.get(name, math.inf))
         if missing := [name for name in contract.trunk if spec.body(name) is None]:
@@ -86,12 +88,25 @@ def _torque_limit(actuator: Any) -> float:
     return float(actuator.ctrlrange[1] * actuator.gainprm[0]) * gear if motor else math.inf
 
 
+def _decorate(spec: Any, floor: Any) -> None:
+    """Give a floor tiles, and the world a sky and more light, for pictures."""
+    kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
+    tiles, sky = (kinds.mjTEXTURE_2D, patterns.mjBUILTIN_CHECKER), (kinds.mjTEXTURE_SKYBOX, patterns.mjBUILTIN_GRADIENT)
+    for name, (kind, pattern) in {"perdure/tiles": tiles, "perdure/sky": sky}.items():
+        made = spec.add_texture(name=name, type=kind, builtin=pattern, width=64, height=64)
+        made.rgb1, made.rgb2 = [0.65, 0.72, 0.8], [0.8, 0.84, 0.88]
+    floor.material = "perdure/tiles"
+    spec.add_material(name=floor.material).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = floor.material
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.45] * 3
+
+
 def _add_controller(spec: Any, contract: Contract, index: int, limit: float) -> None:
     """Add a joint's controller to the model, and change the joint where the contract says so."""
     name = contract.joints[index]
     joint = spec.joint(name)
     if joint is None:
-        raise PerdureError(f"{contract.model} has no joint {name!r}; it has {', '.join(j.name for j in spec.joints)}")
+        known = ", ".join(each.name for each in spec.joints if each.name)
+        raise PerdureError(f"{contract.model} has no joint {name!r}; it has {known}")
     for field, attribute in JOINT_FIELDS.items():
         if getattr(contract, field) is not None:
             number = float(contract.values(field)[index])
