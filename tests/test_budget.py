@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = ("src", "studies", "benchmarks", "tools")
-MOST_LINES = 38_600
+MOST_LINES = 38_100
 """Lines of Python in CODE."""
 MOST_FILES = 175
 """Python files in CODE."""

@@ -241,37 +241,6 @@ def difference_table(tables: Tables) -> pl.DataFrame:
     )
 
 
-def layout_table(tables: Tables) -> pl.DataFrame:
-    """Return latched success on known layouts and on the unseen one."""
-    unseen = {(row["task"], row["place"]): row for row in success_rows(tables, "eval", "drag")}
-    return _table(
-        {
-            **{"task": describe_task(row["task"]), "strategy": f"`{row['place']}`"},
-            "val (known layouts)": share(row, "latched"),
-            "eval (unseen layout)": share(unseen.get((row["task"], row["place"])), "latched"),
-        }
-        for row in success_rows(tables, "val", "drag")
-    )
-
-
-def mode_table(tables: Tables) -> pl.DataFrame:
-    """Return the number of failed episodes by stage and cause, drag only, unseen layouts."""
-    groups = {
-        "pick": pl.col("stage").str.starts_with("pick"),
-        "place: rolled": pl.col("stage").str.starts_with("place") & (pl.col("cause") == "rolled"),
-        "place: tipped": pl.col("stage").str.starts_with("place") & (pl.col("cause") == "tipped"),
-        "place: other": pl.col("stage").str.starts_with("place") & ~pl.col("cause").is_in(["rolled", "tipped"]),
-        "doors and drawers": pl.col("stage").str.contains("^(open|close)"),
-    }
-    rows = []
-    for row in success_rows(tables, "eval", "drag", MAIN_STRATEGIES):
-        modes = tables["modes"].filter(task=row["task"], split="eval", strategy=row["strategy"])
-        counts = {name: str(modes.filter(of)["count"].sum()) for name, of in groups.items()}
-        failed = f"{modes['count'].sum()} of {row['episodes']}"
-        rows.append({"task": describe_task(row["task"]), "strategy": f"`{row['place']}`", "failed": failed, **counts})
-    return _table(rows)
-
-
 def speed_table(tables: Tables) -> pl.DataFrame:
     """Return which share of placements stayed, one row for each interval of release speed."""
     counts, rows = tables["release-speed"], []
@@ -295,8 +264,6 @@ PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
     "strategies": strategy_table,
     "differences": difference_table,
     "worlds": lambda tables: _by_place(tables, "eval", WORLDS),
-    "layouts": layout_table,
-    "modes": mode_table,
     "release-speed": speed_table,
 }
 """Name after `table:` in a page to the function that makes the table."""
