@@ -244,7 +244,7 @@ def train(
         out: Folder of the runs.
     """
     from perdure.home.evaluate.plan_starts import record_plan_starts
-    from perdure.home.skills.train import evaluate_skill, train_skill
+    from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
     from perdure.policy import load_policy
     from perdure.runs.progress import show_progress
 
@@ -252,6 +252,7 @@ def train(
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
     given = {"delta": (delta, 1), "limited_to": (limited_to, None)}
     options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
+    skill_config(skill, task, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as observe:
         paths = train_skill(skill, task, seeds, out, steps, cores=cores, on=on, observe=observe, **options)
