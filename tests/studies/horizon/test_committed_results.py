@@ -14,7 +14,7 @@ from studies.files import include_tables, read_parquet_file, write_csv
 from studies.horizon.figures import all_figures
 from studies.horizon.grid import GRIDS
 from studies.horizon.results import read_results
-from studies.horizon.tables import DISTURBED, all_tables, page_tables
+from studies.horizon.tables import all_tables, page_tables
 
 RESULTS = Path(__file__).parents[3] / "results" / "horizon"
 HOPPER_IDLE = 0.966
@@ -71,10 +71,10 @@ def test_the_answer_says_what_the_tables_say_and_is_the_same_on_three_pages(resu
     (_, effect, decision) = tables["claims"].filter(pl.col("the thesis") == sentence).row(0)
     assert decision == "undecided"
     assert f"minus discounted PPO's is {effect}. " in answer
-    left = pl.read_csv(DISTURBED / "left.csv").filter(task="Hopper-v3", preset="cleanrl", condition="action noise 0.1")
-    counts = {method: (left, episodes) for method, left, episodes in left["method", "left", "episodes"].iter_rows()}
-    assert counts["discounted PPO"] == (0, 50)
-    assert "{} of their {} Hopper episodes".format(*counts["geometric time-to-go, C = 500"]) in answer
+    registered = tables["registered"]["left minus right", "decision"].head(2)
+    assert registered["decision"].to_list() == ["supported"] * 2
+    noise, pushes = registered["left minus right"].str.replace_all("+", "", literal=True)
+    assert f"exceeds discounted PPO's by {noise} under 10 % action noise and by {pushes} under pushes" in answer
     works = dict(tables["fresh"]["method", "noise: Walker2d"].iter_rows())
     shares = [works[method].split(" ")[0] for method in ("PPO, discount 0.999", "geometric time-to-go")]
     assert "works for {} of the steps, and PPO with a time-to-go for {}, ".format(*shares) in answer
