@@ -177,7 +177,7 @@ def _fresh_rows() -> Iterator[dict[str, str]]:
                 values = runs.filter(task=task, method=method)[measure]
                 found, most = compare_with(values, 0.0), 1.0 if name == "noise" else math.inf
                 cell = _numbers(found.estimate, max(found.lower, 0.0), min(found.upper, most))
-                row[f"{name}: {task.removesuffix('-v3')}"] = cell if len(values) > 1 else "no runs yet"
+                row[f"{name}: {task.removesuffix('-v3')}"] = cell if len(values) > 1 else "not evaluated yet"
         yield row
 
 
