@@ -133,8 +133,9 @@ class Clock(BaseCallback):
 
 def train(config: dict[str, Any]) -> dict[str, Any]:
     task, count, horizon = (config[name] for name in ("task", "n_envs", "horizon"))
-    env: Any = EnvPoolVecEnv(task, count, config["seed"], horizon)
-    if config["form"] == "gymnasium":
+    if config["form"] == "envpool":
+        env: Any = EnvPoolVecEnv(task, count, config["seed"], horizon)
+    else:
         env = DummyVecEnv([partial(gymnasium.make, task.replace("-v3", "-v4"), max_episode_steps=horizon)] * count)
     model, _ = make_model(config, env)
     clock = Clock()

@@ -14,6 +14,7 @@ import polars as pl
 
 from perdure.report.schema import EPISODE
 from perdure.stats import FloatArray
+from studies.disturbance.grid import TASKS
 
 Sides = tuple[FloatArray, FloatArray]
 """Of a task: a value for each training run of the left method, and of the right."""
@@ -22,6 +23,9 @@ RESAMPLES = 20_000
 POWER_SAMPLES, POWER_RESAMPLES = 200, 999
 LEAST_GAIN = 0.25
 """Of discounted PPO's mean calm gain: a run below it stands rather than works, and its working share is 0."""
+GAIN = pl.col("training_rate") - pl.col("idle_rate")
+SCALE = pl.col("published_rate") - pl.col("idle_rate")
+"""A published policy's gain per step over an idle robot."""
 NOISE, PUSHES, CALM = "action noise 0.1", "pushes of 0.5 m/s", "calm"
 
 
@@ -72,12 +76,11 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
             str(task): (_values(part, claim, claim.left), _values(part, claim, claim.right))
             for (task,), part in sorted(here.group_by("task"))
         }
-        complete = len(sides) == 3 and all(len(side) == 10 for pair in sides.values() for side in pair)
-        for task, (left, right) in sides.items():
-            if len(left) and len(right):
-                rows.append(_row(number, claim, task, {task: (left, right)}, here.filter(task=task)))
-        if sides and all(len(side) > 1 for pair in sides.values() for side in pair):
-            row = _row(number, claim, ", ".join(sides), sides, here)
+        sides = {task: (left, right) for task, (left, right) in sides.items() if len(left) and len(right)}
+        complete = len(sides) == len(TASKS) and all(len(side) == 10 for pair in sides.values() for side in pair)
+        rows += [_row(number, claim, task, {task: pair}, here.filter(task=task)) for task, pair in sides.items()]
+        if len(sides) > 1 and all(len(side) > 1 for pair in sides.values() for side in pair):
+            row = _row(number, claim, ", ".join(sides), sides, here.filter(pl.col("task").is_in(list(sides))))
             won = row["lower 5 %"] > -claim.margin if claim.margin else row["p"] <= LEVEL
             decision = "supported" if won else "not shown"
             rows.append(row | {"decision": "runs are missing" if not complete else "not tested" if ended else decision})
@@ -88,18 +91,16 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
 
 def measure_runs(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return one row for each training run and condition, with every measure, from a row for each episode."""
-    gain = pl.col("training_rate") - pl.col("idle_rate")
-    scale = pl.col("published_rate") - pl.col("idle_rate")
     rate = pl.col("return") / pl.col("test_horizon")
     return (
         episodes.with_columns(method=pl.col("method").str.split("@").list.first())
         .group_by("task", "method", "train_seed", "condition")
         .agg(
-            gain.first().alias("gain"),
-            (gain / scale).first().alias("gain in training"),
+            GAIN.first().alias("gain"),
+            (GAIN / SCALE).first().alias("gain in training"),
             (pl.col("failed_step") / pl.col("test_horizon")).mean().alias("working share"),
-            ((rate - pl.col("idle_rate")) / scale).mean().alias("score"),
-            ((pl.col("speed") - pl.col("idle_rate")) / scale).drop_nans().mean().alias("speed"),  # while working
+            ((rate - pl.col("idle_rate")) / SCALE).mean().alias("score"),
+            ((pl.col("speed") - pl.col("idle_rate")) / SCALE).drop_nans().mean().alias("speed"),  # while working
         )
         .with_columns(least=LEAST_GAIN * pl.col("gain").filter(pl.col("method") == "ppo").mean().over("task"))
         .with_columns(

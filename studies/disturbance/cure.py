@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
+from studies.disturbance.claims import GAIN, SCALE
 from studies.disturbance.tables import METHODS
 
 RESAMPLES = 2000
-SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
 GOALS = {"speed": 0.75, "ratio": 3.0}
 """Of a cure: least speed against discounted PPO's, and least lower bound of the ratio of steps between failures."""
 
@@ -29,7 +29,7 @@ def cure_table(episodes: pl.DataFrame, seeds: str) -> pl.DataFrame:
         episodes.filter(condition="standard-1")
         .group_by("task", "method", "train_seed")
         .agg(
-            SCORE.first().alias("speed"),
+            (GAIN / SCALE).first().alias("speed"),
             pl.col("failed_step").sum().alias("steps"),
             (pl.col("failed_step") < pl.col("test_horizon")).sum().alias("failures"),
         )

@@ -10,7 +10,7 @@ import polars as pl
 from perdure.report.charts import Axis, Figure, Points, point_chart, style
 from perdure.report.estimates import HOLDING_SHARE
 from perdure.stats import FloatArray, mean_interval, median_time
-from studies.disturbance.grid import CONDITIONS, ROBOTS
+from studies.disturbance.grid import CONDITIONS, TASKS
 
 THRESHOLDS = (0.5, 0.65, 0.75, 0.85)
 """Least score against its own training at the end of an episode that holds; 0.75 is the verdict's."""
@@ -19,6 +19,8 @@ PREDICTORS = ("calm", "standard-1", "both")
 RESAMPLES = 2000
 DRAWN = ("ppo", "geometric", "ppo-average-reward", "ppo-undiscounted")
 DRAWN_UNDER = ("calm", "action noise 0.1")
+MAIN = (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah")
+"""Of the settings of a task the one that is shown."""
 METHODS = {
     "ppo": "discounted PPO",
     "geometric": "geometric time-to-go, C = 500",
@@ -27,6 +29,7 @@ METHODS = {
     "linear": "linear time-to-go",
     "ppo-average-reward": "average-reward PPO",
     "ppo-undiscounted": "undiscounted PPO",
+    "ppo-gamma-0.999": "PPO, discount 0.999",
     "random-horizon": "random horizon, no time-to-go",
 }
 """In words, in the order of the tables; other methods have their own name, after these."""
@@ -150,13 +153,10 @@ def _bootstrap(score: FloatArray, held: np.ndarray, rng: np.random.Generator) ->
 
 def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
     """Draw the working share of the main methods, calm and under noise, on the tasks that some policy fails."""
-    main = (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah")
-    rows = pl.DataFrame(
-        [(robot, name) for robot in ROBOTS[:3] for name in DRAWN_UNDER], ("task", "condition"), orient="row"
-    )
+    rows = pl.DataFrame([(robot, name) for robot in TASKS for name in DRAWN_UNDER], ("task", "condition"), orient="row")
     series = []
     for place, method in enumerate(DRAWN):
-        found = tables["left"].filter(main, method=METHODS[method])
+        found = tables["left"].filter(MAIN, method=METHODS[method])
         mine = rows.join(found, rows.columns, "left", maintain_order="left").with_row_index().drop_nulls("left")
         middle, low, high = (mine[f"working {name}"].to_numpy() for name in ("share", "low", "high"))
         series += [Points(METHODS[method], mine["index"].to_list(), middle, style(place), low, high)] * bool(len(mine))
@@ -170,7 +170,7 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """Return the tables that the page includes, as text."""
     shown = tables["left"].filter(
         pl.col("method").is_in([METHODS[name] for name in ("ppo", "geometric", "ppo-undiscounted")])
-        & ((pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah"))
+        & MAIN
         & (pl.col("steps") == 10_000)
     )
     fallen = (
@@ -187,11 +187,7 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     ).pivot("verdict", index=("new condition", "in standard-1", "runs that fail"), values="cell")
     found = {"left": main, "foresight": cells}
     if "cure" in tables:
-        rare = tables["cure"].filter(
-            pl.col("low") > 1,
-            pl.col("speed against PPO") > 0.25,
-            (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah"),
-        )
+        rare = tables["cure"].filter(MAIN, pl.col("low") > 1, pl.col("speed against PPO") > 0.5)
         ratio = pl.format("{} [{}, {}]", *(pl.col(name).round(1) for name in ("ratio to PPO", "low", "high")))
         found["cure"] = rare.select(
             *("seeds", "task", "method", "runs", "failures", pl.col("steps between failures").cast(pl.Int64)),

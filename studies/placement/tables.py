@@ -180,11 +180,6 @@ def share(row: Mapping[str, Any] | None, way: Counting = "stabilizing") -> str:
     return "" if row is None else interval_text({**row, f"{way} standard_error": None}, way, digits=0)
 
 
-def _size(row: Mapping[str, Any]) -> str:
-    seeds = row["train_seeds"] * row["eval_seeds"]
-    return f"{row['train_seeds']} x {row['eval_seeds']} x {row['episodes'] // seeds}"
-
-
 def _points(row: Mapping[str, Any], what: str) -> str:
     middle, low, high = (f"{100 * row[f'{what} {name}']:.1f}" for name in BOUNDS)
     return f"{middle} [{low}, {high}]"
@@ -194,25 +189,14 @@ def _table(rows: Iterable[Mapping[str, str]]) -> pl.DataFrame:
     return pl.DataFrame(list(rows))
 
 
-def _by_place(
-    tables: Tables, split: str, worlds: Iterable[str], places: Iterable[str] = MAIN_STRATEGIES
-) -> pl.DataFrame:
-    """Return success with a row for each task and world, a column for each strategy."""
+def world_table(tables: Tables) -> pl.DataFrame:
+    """Return success on unseen layouts with a row for each task and world, a column for each main strategy."""
     rows: dict[tuple[str, str], dict[str, str]] = {}
-    for row in success_rows(tables, split, places=places):
-        if row["world"] in worlds:
-            key = row["task"], row["world"]
-            rows.setdefault(key, {"task": describe_task(key[0]), "world": WORLDS[key[1]]})[f"`{row['place']}`"] = share(
-                row
-            )
+    for row in success_rows(tables, "eval", places=MAIN_STRATEGIES):
+        key = row["task"], row["world"]
+        names = {"task": describe_task(key[0]), "world": WORLDS[key[1]]}
+        rows.setdefault(key, names)[f"`{row['place']}`"] = share(row)
     return pl.DataFrame(list(rows.values()), infer_schema_length=None).fill_null("")
-
-
-def readme_table(tables: Tables) -> pl.DataFrame:
-    """Return success on unseen layouts, drag only, for the README."""
-    names = ("policy alone (`rl`)", "stop, then release (`stop`)", "stop, lower by 5 cm, release (`ik`)")
-    found = _by_place(tables, "eval", ("drag",)).drop("world")
-    return found.rename(dict(zip(found.columns[1:], names, strict=True)))
 
 
 def strategy_table(tables: Tables) -> pl.DataFrame:
@@ -221,7 +205,7 @@ def strategy_table(tables: Tables) -> pl.DataFrame:
     for row in success_rows(tables, "eval", "drag"):
         seeds = tables["seeds"].filter(task=row["task"], split="eval", strategy=row["strategy"])["stabilizing"]
         by_seed = ", ".join(f"{100 * each:.0f}" for each in seeds)
-        names = {"task": describe_task(row["task"]), "strategy": f"`{row['place']}`", "seeds x episodes": _size(row)}
+        names = {"task": describe_task(row["task"]), "strategy": f"`{row['place']}`"}
         counts = {"goal-stabilizing": share(row), "by training seed": by_seed, "latched": share(row, "latched")}
         rows.append({**names, **counts})
     return _table(rows)
@@ -260,10 +244,9 @@ def speed_table(tables: Tables) -> pl.DataFrame:
 
 
 PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
-    "success": readme_table,
     "strategies": strategy_table,
     "differences": difference_table,
-    "worlds": lambda tables: _by_place(tables, "eval", WORLDS),
+    "worlds": world_table,
     "release-speed": speed_table,
 }
 """Name after `table:` in a page to the function that makes the table."""

@@ -115,7 +115,10 @@ def test_a_card_lies_beside_the_policy(command, files, tmp_path):
         (("extrapolate", "P.ONNX"), "needs its environment: --env Hopper-v5"),
         (("extrapolate", "p.onnx"), "needs its environment: --env Hopper-v5"),
         (("extrapolate", "p.onnx", "--env", "Hopper-v5"), "there is no file p.onnx"),
-        (("watch", "{timed}", "--env", "Hopper-v5"), "only an ONNX model needs one, other policies name theirs; got"),
+        (
+            ("watch", "{timed}", "--env", "Hopper-v5"),
+            "--env names the environment of an ONNX model",
+        ),
         (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4 or .gif, not as p.avi"),
         (("watch", "{timeless}", "--beside", "constant:3"), "takes no clock"),
         (("watch", "home/set_table/place/seed-0"), "see perdure home video"),

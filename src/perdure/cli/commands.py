@@ -432,7 +432,7 @@ def watch(
     from perdure.policy.onnx import is_onnx, model_digest
 
     if is_onnx(policy) == (env is None):
-        raise PerdureError(f"--env: only an ONNX model needs one, other policies name theirs; got {policy} with {env}")
+        raise PerdureError(f"--env names the environment of an ONNX model and of no other policy; got {policy}, {env=}")
     file = Path(policy) if env else find_policy(policy)
     loaded = read_file(file, model_digest(file), task_of_environment(env) if env else "", None)
     film = films.watch(

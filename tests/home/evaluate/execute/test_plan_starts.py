@@ -42,12 +42,11 @@ def restored(skill, number, row):
     return env, start
 
 
-@pytest.mark.parametrize("skill", USED)
-def test_a_plan_leaves_start_states_of_every_skill_and_a_lane_can_begin_in_them(skill, recorded):
-    assert {target for _, target in recorded[skill]} == USED[skill]
-    touched = []
-    for (number, target), rows in recorded[skill].items():
-        row = rows[0]
+def test_a_plan_leaves_start_states_of_every_skill_and_a_lane_can_begin_in_them(recorded):
+    """In most of them; the others are drawn again, as the objects that are no target are not recorded."""
+    assert {skill: {target for _, target in found} for skill, found in recorded.items()} == USED
+    touched, first = [], [(skill, *key, rows[0]) for skill, found in recorded.items() for key, rows in found.items()]
+    for skill, number, target, row in first:
         env, start = restored(skill, number, row)
         lane, state = env.world.simulator(0), env.world.sense()
         touched.append(touching(lane))
@@ -57,7 +56,7 @@ def test_a_plan_leaves_start_states_of_every_skill_and_a_lane_can_begin_in_them(
         assert (lane.held == 0) == ("place" in row.step)
         assert (start.skill_goal.route is not None) == (skill == "navigate")
         env.close()
-    assert np.mean(np.array(touched) <= TOUCH) >= 0.5, "the others are drawn again: other objects are not recorded"
+    assert np.mean(np.array(touched) <= TOUCH) > 0.5
 
 
 def test_what_the_plan_did_before_is_in_the_states(recorded):
