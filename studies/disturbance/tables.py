@@ -159,11 +159,12 @@ def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
         found = tables["left"].filter(MAIN, method=METHODS[method])
         mine = rows.join(found, rows.columns, "left", maintain_order="left").with_row_index().drop_nulls("left")
         middle, low, high = (mine[f"working {name}"].to_numpy() for name in ("share", "low", "high"))
-        series += [Points(METHODS[method], mine["index"].to_list(), middle, style(place), low, high)] * bool(len(mine))
-    labels = [f"{task.removesuffix('-v3')}, {condition}" for task, condition in rows.iter_rows()]
+        name = METHODS[method].partition(",")[0]  # all deploy C = 500
+        series += [Points(name, mine["index"].to_list(), middle, style(place), low, high)] * bool(len(mine))
+    labels = [f"{task.removesuffix('-v3')}, {name.removeprefix('action ')}" for task, name in rows.iter_rows()]
     chart = point_chart(labels, series, Axis("steps before failure, as a share of 10,000", low=0.0, high=1.0))
     note = "Bars: 95 % intervals over training runs (3 to 10), five start states each. Failure: as the verdict has it."
-    yield Figure("working", "How long policies work, calm and disturbed", chart, note)
+    yield Figure("working", "How long policies work, calm and under action noise", chart, note)
 
 
 def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
