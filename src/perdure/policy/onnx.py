@@ -85,7 +85,7 @@ class OnnxModel:
         require()
         with _refusing(what):
             self._open(data, what)
-        self._thread = ThreadPoolExecutor(1)
+        self._thread = ThreadPoolExecutor(1) if b"Loop" in data else None  # the only operator that may not end
 
     def _open(self, data: bytes, what: str) -> None:
         import onnxruntime
@@ -213,7 +213,7 @@ class OnnxModel:
             raise PerdureError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
 
     def _run(self, feeds: list[State]) -> list[list[NDArray[Any]]]:
-        """Run the model on each feed in another thread, so that an interruption ends a loop that does not end."""
+        """Run the model on each feed; if it has loops, in another thread, so that an interruption ends an endless one."""
         import onnxruntime
 
         options = onnxruntime.RunOptions()
@@ -223,6 +223,8 @@ class OnnxModel:
             return [self._session.run(self._outputs, feed, options) for feed in feeds]
 
         with _refusing(self._what):
+            if self._thread is None:
+                return rows()
             try:
                 job = self._thread.submit(rows)
                 while not job.done():
