@@ -13,7 +13,7 @@ from perdure.home.sim.scene import SceneOptions
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
 MAIN_STRATEGIES = ("rl", "stop", "ik")
-STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik", "ik+")
+STRATEGIES = ("rl", "delta-10", "delta-50", "delta-50-in-200", "delta-200", "stop", "ik")
 """In the order of tables and figures."""
 FRICTION = SceneOptions()
 DRAG = SceneOptions(rolling=0.0)
@@ -28,7 +28,7 @@ PHASES = {
     1: "three strategies on unseen layouts, drag only",
     2: "other worlds",
     3: "known layouts, as in the thesis",
-    4: "policies trained for longer stays, a descent to contact",
+    4: "policies trained for longer stays",
 }
 
 
@@ -99,7 +99,6 @@ THESIS_ROWS = (
     *_rows(TASKS, ("rl", "ik"), "val", DRAG, 3),
     *_rows(TASKS, ("delta-200",), "eval", DRAG, 4),
     *_rows(SET_TABLE, ("delta-10", "delta-50", "delta-50-in-200"), "eval", DRAG, 4),
-    *_rows(TASKS, ("ik+",), "eval", DRAG, 4),
 )
 SMOKE_ROWS = (
     *_rows(SET_TABLE, ("rl", "ik"), "val", DRAG, 1),

@@ -56,7 +56,7 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
 were not kept. `differences` are second minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
 OPTIONAL |= {"world", "median_speed"}
-PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("ik", "ik+"), ("rl", "delta-200"))
+PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("rl", "delta-200"))
 """Strategies that are compared over the same episodes: (first, second), second minus first."""
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
 """Collision shape to what tables call objects of that shape."""

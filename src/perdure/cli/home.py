@@ -284,9 +284,9 @@ def run(
 
     Args:
         place: Release strategy: what happens when the policy commands the hand to open. rl: it opens at once.
-            Hand-overs, in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm), ik+
-            (then lowers the object until contact). delta-N, delta-N-in-M: a policy trained to make objects stay for N
-            steps, within 200 + N or M.
+            Hand-overs, in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm),
+            guarded (then lowers the object until it touches down). delta-N, delta-N-in-M: a policy trained to make
+            objects stay for N steps, within 200 + N or M.
         episodes: Number of episodes of the split, from its first one.
         train_seeds: Number of training seeds, from seed 0; each has its own policies.
         eval_seeds: Number of evaluation seeds; each draws the robot's start poses.

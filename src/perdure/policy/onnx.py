@@ -213,7 +213,7 @@ class OnnxModel:
             raise PerdureError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
 
     def _run(self, feeds: list[State]) -> list[list[NDArray[Any]]]:
-        """Run the model on each feed; if it has loops, in another thread, so that an interruption ends an endless one."""
+        """Run the model on each feed; with loops in another thread, so that an interruption ends an endless one."""
         import onnxruntime
 
         options = onnxruntime.RunOptions()

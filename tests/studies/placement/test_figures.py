@@ -27,15 +27,15 @@ def test_release_speed_draws_shares_of_enough_placements_released_in_motion():
 
 
 def test_rows_come_by_task_world_and_strategy(tmp_path):
-    names = ["stop drag", "rl", "rl drag", "delta-50-in-200 drag", "ik+ drag hull-apple"]
+    names = ["stop drag", "rl", "rl drag", "delta-50-in-200 drag", "ik drag hull-apple"]
     base = dict.fromkeys(empty(tmp_path)["success"].columns)
     rows = [{**base, **KEYS, "strategy": name} for name in names]
     tables = {"success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
     assert [row["strategy"] for row in success_rows(tables, "eval")] == [
         *("rl drag", "delta-50-in-200 drag", "stop drag"),
-        *("ik+ drag hull-apple", "rl"),
+        *("ik drag hull-apple", "rl"),
     ]
-    assert success_rows(tables, "eval", "drag hull-apple")[0]["place"] == "ik+"
+    assert success_rows(tables, "eval", "drag hull-apple")[0]["place"] == "ik"
     assert success_rows(tables, "val") == []
 
 

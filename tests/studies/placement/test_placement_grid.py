@@ -50,7 +50,7 @@ def test_a_phase_without_work_is_refused():
         make_grid("smoke", (5,))
 
 
-@pytest.mark.parametrize(("scale", "episodes"), [("smoke", 12), ("laptop", 36 * 30)])
+@pytest.mark.parametrize(("scale", "episodes"), [("smoke", 12), ("laptop", 33 * 30)])
 def test_the_plan_counts_every_episode(tmp_path, scale, episodes):
     planned = study.plan(scale, tuple(study.PHASES), tmp_path / "none")
     assert len({unit.key for unit in planned}) == len(planned)

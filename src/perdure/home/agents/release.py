@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -41,10 +41,6 @@ NOT_ABOVE = "not above the goal"
 """Outcome without a descent: the object was released at rest, beside its goal region."""
 
 
-CONTACT = 3.0
-"""Normal force at the held object in [N] that counts as a contact."""
-
-
 @dataclass
 class HandOverView(LaneView):
     """One lane during its hand-over."""
@@ -74,11 +70,6 @@ class HandOverView(LaneView):
     def speed(self) -> float:
         """Speed of the gripper point in the room in [m/s]."""
         return float(norm(self.state.gripper_velocity)[0])
-
-    @property
-    def touches(self) -> bool:
-        """Whether the object (or the hand) feels a contact."""
-        return bool(self.state.contact_force[0] > CONTACT)
 
 
 @dataclass
@@ -215,88 +206,75 @@ class Ik(HandOver):
         """See `HandOver.motion`."""
         if not (yield from stop_above_goal(view)):
             return
-        start = view.state.gripper_in_base[0].copy()
-        rotation = view.state.gripper_rotation[0].copy()
+        start, rotation = view.state.gripper_in_base[0].copy(), view.state.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
         if reach(end, rotation, view.arm)[1] > OUT_OF_REACH:
             view.outcome = "out of reach"
             return
-        step, steps = self.speed / CONTROL_HZ, int(np.ceil(self.epsilon * CONTROL_HZ / self.speed))
-        wanted = start.copy()
-        for _ in range(steps):
-            wanted = wanted - (0.0, 0.0, min(step, wanted[2] - end[2]))
-            # From where the servos' targets would put the gripper: what the arm lags behind is not made up for.
-            yield hold_base(view, toward(view.arm, wanted - gripper_pose(TORSO_HEIGHT, view.arm)[0], rotation=rotation))
+        for wanted in descent(start, self.epsilon, self.speed):
+            yield follow(view, wanted, rotation)
         yield from stop(view)
         if np.linalg.norm(view.state.gripper_in_base[0] - end) > OUT_OF_REACH:
             view.outcome = "blocked"
 
 
 DEEPEST = 0.25
-"""Largest depth of the descent in [m]."""
-TURN_STEPS = 60
-"""Steps in which the object is brought upright."""
-UPRIGHT = float(np.cos(np.radians(20.0)))
-"""Cosine of the tilt up to which an object stands rather than tips or rolls."""
-BACK_TRACE = 1.0 + 2.0 * float(np.cos(np.radians(6.0)))
-"""Trace of a rotation by 6 degrees: the tolerance of turning back."""
+"""Largest depth of a guarded descent in [m]."""
+LAG = 0.005
+"""Height in [m] of the gripper point above where its servos' targets would put it that counts as a contact (our choice:
+a free descent lags by less than 2 mm)."""
 
 
 @dataclass
-class IkPlus(HandOver):
-    """Descent until contact, with the object upright (our choice, not in the thesis).
+class Guarded(HandOver):
+    """Descent until the hand lags behind its servos' targets: a guarded move, which needs joint encoders only.
 
-    The object's own z axis is turned to the vertical. Where joint limits or a contact leave a tilt of more than 20
-    degrees, it is turned back, because an object released at such a tilt would tip over or roll. Then it descends until
-    the held object (or the hand) feels a contact or has reached the largest depth (outcome "no contact").
+    Then the targets return to where the hand is, so that it does not press on the object that it releases. Outcomes
+    besides "done": "no contact" within 0.25 m or the arm's reach, "not above the goal".
     """
 
-    name = "ik+"
+    name = "guarded"
     speed: float = SPEED
-    deepest: float = DEEPEST
 
     def motion(self, view: HandOverView) -> Motion:
         """See `HandOver.motion`."""
         if not (yield from stop_above_goal(view)):
             return
-        place, now = gripper_pose(TORSO_HEIGHT, view.arm)
-        yield from turn(view, place, upright(now), lambda r: r[2, 2] > 0.998 or view.touches)
-        if gripper_pose(TORSO_HEIGHT, view.arm)[1][2, 2] < UPRIGHT:
-            yield from turn(view, place, now, lambda r: bool(np.trace(r.T @ now) > BACK_TRACE))
+        start, rotation = view.state.gripper_in_base[0].copy(), view.state.gripper_rotation[0].copy()
         view.outcome = "no contact"
-        wanted, rotation = gripper_pose(TORSO_HEIGHT, view.arm)
-        for _ in range(int(self.deepest * CONTROL_HZ / self.speed)):
-            if view.touches:
+        for wanted in descent(start, DEEPEST, self.speed):
+            if lag(view) > LAG:
                 view.outcome = "done"
+                yield follow(view, view.state.gripper_in_base[0], rotation)
                 break
-            wanted = wanted - (0.0, 0.0, self.speed / CONTROL_HZ)
-            position, _ = gripper_pose(TORSO_HEIGHT, view.arm)
-            yield hold_base(view, toward(view.arm, wanted - position, rotation=rotation))
+            if np.linalg.norm(wanted - gripper_pose(TORSO_HEIGHT, view.arm)[0]) > OUT_OF_REACH:
+                break
+            yield follow(view, wanted, rotation)
         yield from stop(view)
 
 
-def turn(view: HandOverView, place: FloatArray, wanted: FloatArray, there: Callable[[FloatArray], bool]) -> Motion:
-    """Turn the held object about a fixed gripper point until the rotation is reached or the steps are used up."""
-    for _ in range(TURN_STEPS):
-        position, rotation = gripper_pose(TORSO_HEIGHT, view.arm)
-        if there(rotation):
-            return
-        yield hold_base(view, toward(view.arm, place - position, rotation=wanted))
+def descent(start: FloatArray, depth: float, speed: float) -> Iterator[FloatArray]:
+    """Yield points in the base frame straight below `start`, one for each control step. Shape (3,)."""
+    for step in range(1, int(np.ceil(depth * CONTROL_HZ / speed)) + 1):
+        yield start - (0.0, 0.0, min(step * speed / CONTROL_HZ, depth))
 
 
-def upright(rotation: FloatArray) -> FloatArray:
-    """Return the rotation nearest to this one whose z axis points up. Shape (3, 3) -> (3, 3)."""
-    z = rotation[:, 2]
-    axis, cosine = np.cross(z, (0.0, 0.0, 1.0)), float(z[2])
-    if cosine < -0.999:  # upside down: about its own x axis
-        return rotation @ np.diag([1.0, -1.0, -1.0])
-    skew = np.cross(np.eye(3), axis)
-    return (np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation
+def follow(view: HandOverView, point: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return an action that holds the base and brings the servos' targets to a gripper point in the base frame.
+
+    From where the targets would put the gripper: what the arm lags behind is not made up for.
+    """
+    return hold_base(view, toward(view.arm, point - gripper_pose(TORSO_HEIGHT, view.arm)[0], rotation=rotation))
+
+
+def lag(view: HandOverView) -> float:
+    """Return how far the gripper point is above where its servos' targets would put it in [m]."""
+    return float(view.state.gripper_in_base[0, 2] - gripper_pose(TORSO_HEIGHT, view.arm)[0][2])
 
 
 _STRATEGIES: dict[str, Callable[[SkillAgent], SkillAgent]] = {
     "rl": lambda inner: inner,
-    **{each.name: each for each in (Stop, Ik, IkPlus)},
+    **{each.name: each for each in (Stop, Ik, Guarded)},
 }
 STRATEGIES = tuple(_STRATEGIES)
 """Names of all, the values of `--place`."""

@@ -52,7 +52,7 @@ class ReleaseChoice:
 
 
 def read_release(text: str) -> ReleaseChoice:
-    """Read `rl`, `stop`, `ik`, `ik+`, `delta-N` or `delta-N-in-M`.
+    """Read `rl`, `stop`, `ik`, `guarded`, `delta-N` or `delta-N-in-M`.
 
     delta-N: the policy alone, trained to make objects stay for N steps, with 200 + N steps for it; delta-N-in-M: with M
     steps (M = 200 is the other reading of the thesis' section 2.1.2).

@@ -81,7 +81,7 @@ class EvaluationProtocol:
     @property
     def folder(self) -> str:
         """Where the store keeps all of it, such as `set_table/val/ik`."""
-        return f"{self.task}/{self.split}/{self.name.replace('+', '-plus').replace(' ', '-')}"
+        return f"{self.task}/{self.split}/{self.name.replace(' ', '-')}"
 
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""

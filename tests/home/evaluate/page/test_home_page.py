@@ -180,9 +180,20 @@ class TestFigures:
         assert figure(page_of(two_strategies(), tmp_path), "modes-latched") is not None
 
     def test_strategies_come_in_the_order_of_what_they_add(self, tmp_path):
-        names = ["rl drag", "zebra", "ik+", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
+        names = ["rl drag", "zebra", "guarded", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
         page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
-        expected = ["rl", "delta-5", "delta-50", "delta-50-in-200", "stop", "ik", "ik+", "zebra", "rl drag", "ik drag"]
+        expected = [
+            "rl",
+            "delta-5",
+            "delta-50",
+            "delta-50-in-200",
+            "stop",
+            "ik",
+            "guarded",
+            "zebra",
+            "rl drag",
+            "ik drag",
+        ]
         assert [each["release strategy"] for each in table(page, "Success")] == expected
 
 

@@ -12,7 +12,7 @@ from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.objects import AppleShape
 from perdure.home.sim.scene import LEVERS, SceneOptions
 
-PLACES = ("rl", "stop", "ik", "ik+", "delta-50", "delta-50-in-200")
+PLACES = ("rl", "stop", "ik", "guarded", "delta-50", "delta-50-in-200")
 
 
 def name(place, **world):

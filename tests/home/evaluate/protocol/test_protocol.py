@@ -141,12 +141,12 @@ def test_a_stored_configuration_names_the_scene_only_where_it_is_unusual():
 
 
 def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
-    usual = EvaluationProtocol("set_table", "ik+")
+    usual = EvaluationProtocol("set_table", "guarded")
     unusual = EvaluationProtocol(
-        "set_table", "ik+", options=ExecutorOptions(scene=SceneOptions(apple="hull", rolling=0.0))
+        "set_table", "guarded", options=ExecutorOptions(scene=SceneOptions(apple="hull", rolling=0.0))
     )
-    assert (usual.name, usual.folder) == ("ik+", "set_table/val/ik-plus")
-    assert (unusual.name, unusual.folder) == ("ik+ drag hull-apple", "set_table/val/ik-plus-drag-hull-apple")
+    assert (usual.name, usual.folder) == ("guarded", "set_table/val/guarded")
+    assert (unusual.name, unusual.folder) == ("guarded drag hull-apple", "set_table/val/guarded-drag-hull-apple")
 
 
 @pytest.mark.verify
@@ -165,7 +165,7 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
 def test_a_protocol_for_another_process_is_the_same_one():
     scene = SceneOptions(apple="hull", rolling=0.0, clutter=False)
     options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, scene=scene)
-    protocol = EvaluationProtocol("tidy_house", "ik+", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
+    protocol = EvaluationProtocol("tidy_house", "guarded", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
     assert EvaluationProtocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
 
 
@@ -185,7 +185,7 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     [
         ({"task": "make_coffee"}, "make_coffee"),
         ({"split": "test"}, "test"),
-        ({"place": "drop"}, "rl, stop, ik, ik\\+"),
+        ({"place": "drop"}, "rl, stop, ik, guarded"),
         ({"place": "delta-1"}, "2 or more"),
         ({"place": "delta-x"}, "2 or more"),
         ({"place": "delta-"}, "2 or more"),
@@ -212,7 +212,7 @@ def test_delta_decides_how_long_place_waits():
     assert EvaluationProtocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
     assert EvaluationProtocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
     assert EvaluationProtocol("set_table", "delta-50").release.strategy == "rl"
-    assert [read_release(name).policy for name in ("rl", "ik+", "delta-50", "delta-50-in-200")] == [
+    assert [read_release(name).policy for name in ("rl", "guarded", "delta-50", "delta-50-in-200")] == [
         *("place", "place", "place-delta-50", "place-delta-50-in-200")
     ]
 
