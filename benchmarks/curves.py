@@ -20,7 +20,7 @@ import numpy as np
 import polars as pl
 
 sys.path.insert(0, str(Path(__file__).parent))
-from bench import HERE, peers, sb3_config
+from bench import HERE, peer, sb3_config
 
 from perdure.envs import task_spec
 from perdure.learn import TrainRun, method_config, train
@@ -57,7 +57,7 @@ def run() -> None:
             keep(task, "perdure", seed, episodes["step"].to_numpy(), episodes["return"].to_numpy())
         for seed in range(sb3):
             if str(seed) not in made.get("sb3", {}):
-                result = peers("0,1", "train", [{**sb3_config(task, seed, 1), "total_steps": steps}])[0]
+                result = peer("0,1", "train", {**sb3_config(task, seed, 1), "total_steps": steps})
                 ends, returns, _ = np.array(result["episodes"]).T
                 keep(task, "sb3", seed, ends.astype(int), returns)
 

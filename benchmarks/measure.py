@@ -1,18 +1,14 @@
 """Measure perdure in a process of its own, so that it can be pinned to cores; print one JSON line.
 
-python benchmarks/measure.py train TASK[@PRESET] SEEDS ITERATIONS PROCESSES   environment steps a second
+python benchmarks/measure.py train TASK[@PRESET] ITERATIONS         environment steps a second
 python benchmarks/measure.py evaluate TASK LANES STEPS               lane steps a second, and those of EnvPool alone
-python benchmarks/measure.py disturbed TASK LANES STEPS TEXT ...     lane steps a second, disturbed and calm
 python benchmarks/measure.py floors TASK                             seconds of a step that no program can do without
-python benchmarks/measure.py home scene|place|tasks                  control steps a second of the home world
+python benchmarks/measure.py home place|tasks                        control steps a second of the home world
 python benchmarks/measure.py robot CONTRACT                          control steps a second of a robot, and of `mj_step`
 
-home scene   full SetTable scenes while the oracle manipulates
-home place   the place skill's environment
+home place   the place skill's environment; acting is recorded first and played again for the clock, so that this times
+             the world alone, and gives the share of that time that MuJoCo's `mj_step` takes
 home tasks   task plans on SetTable, policies included
-
-Acting is recorded first and played again for the clock, so that `scene` and `place` time the world alone. Both also
-give the share of that time that MuJoCo's `mj_step` takes.
 """
 
 from __future__ import annotations
@@ -30,16 +26,12 @@ from typing import Any
 import numpy as np
 
 REPEATS = 3
-HOME_LANES, PLACE_LANES = 12, 64
+PLACE_LANES = 64
 """Side by side: with 16, a control step of the place environment cost a third more."""
-MANIPULATION = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
 
 
-def train(setting: str, seeds: int, iterations: int, processes: int) -> dict[str, float]:
-    """Environment steps a second, all processes together, from the end of each seed's second iteration on.
-
-    A number of seeds that the processes share evenly keeps each of them busy beside the others.
-    """
+def train(setting: str, iterations: int) -> dict[str, float]:
+    """Environment steps a second of one seed, from the end of its second iteration on."""
     from perdure.envs import task_spec
     from perdure.learn import TrainRun, method_config, on_report, train
 
@@ -47,13 +39,13 @@ def train(setting: str, seeds: int, iterations: int, processes: int) -> dict[str
     config = method_config("ppo", task, task_spec(task).observation_size, preset or "zoo")
     steps = config.rollout_size * iterations
     config = dataclasses.replace(config, total_steps=steps, segment_steps=steps)
-    marks: dict[int, list[tuple[int, float]]] = {seed: [] for seed in range(seeds)}
-    run = TrainRun(task, "ppo", config, tuple(marks), preset=preset or "zoo")
-    observe = on_report(run, lambda report: marks[report.seed].append((report.step, time.perf_counter())))
+    marks: list[tuple[int, float]] = []
+    run = TrainRun(task, "ppo", config, preset=preset or "zoo")
+    observe = on_report(run, lambda report: marks.append((report.step, time.perf_counter())))
     with tempfile.TemporaryDirectory() as out:
-        train(run, out, cores=processes, on="here" if processes == 1 else "local", observe=observe)
-    rates = [(last - first) / (ended - began) for (_, (first, began), *_, (last, ended)) in marks.values()]
-    return {"steps_per_second": float(np.mean(rates)) * processes}
+        train(run, out, on="here", observe=observe)
+    _, (first, began), *_, (last, ended) = marks
+    return {"steps_per_second": (last - first) / (ended - began)}
 
 
 class Recording:
@@ -108,25 +100,6 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
     return {"ours": float(np.median(ours)), "engine": float(np.median(engine))}
 
 
-def disturbed(task: str, lanes: int, steps: int, *texts: str) -> dict[str, float]:
-    """Lane steps a second of our closed loop under disturbances, and when calm, in ten pairs."""
-    from perdure.disturbances import parse_disturbances
-    from perdure.envs import make_world
-    from perdure.envs.disturbances import disturbed_task
-    from perdure.evaluate import EpisodeSpec, evaluate_episodes
-    from perdure.policy import load_policy
-
-    policy, rates = load_policy(f"{task}/geometric"), []
-    for disturbances in (parse_disturbances(texts), ()) * 10:
-        world = make_world(disturbed_task(task, disturbances), range(lanes))  # before the clock runs
-        specs = [EpisodeSpec(0, policy.clock, seed, disturbances, steps) for seed in range(lanes)]
-        began = time.perf_counter()
-        records = evaluate_episodes([policy], specs, world=world)
-        rates.append(records.end_step.sum() / (time.perf_counter() - began))
-        world.close()
-    return {"disturbed": float(np.median(rates[::2])), "calm": float(np.median(rates[1::2]))}
-
-
 def products(config: Any, inputs: int, actions: int, repeats: int = 300) -> float:
     """Seconds of the matrix products of learning, for each environment step."""
     rng = np.random.default_rng(0)
@@ -177,51 +150,6 @@ class Engine:
         self.spent += time.perf_counter() - began
 
 
-def scene() -> dict[str, float]:
-    """Lane steps a second: full scenes, all collisions, where at least half of the lanes manipulate."""
-    from perdure.home.agents.learned import Scripted
-    from perdure.home.agents.scripted import Oracle
-    from perdure.home.evaluate import execute
-    from perdure.home.evaluate.execute import Executor, ExecutorOptions
-    from perdure.home.sim.vector_simulator import VectorSimulator
-    from perdure.home.skills import get_skill
-    from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
-    from perdure.home.tasks.planning import make_plan
-
-    log: list[tuple[np.ndarray, ...]] = []
-
-    class Recorded(VectorSimulator):
-        def step(self, *arguments: Any) -> None:
-            log.append(tuple(np.array(each) for each in arguments))
-            super().step(*arguments)
-
-    episodes = load_episodes("set_table", "val").episodes[:HOME_LANES]
-    skills = {step.skill: get_skill(step.skill) for step in make_plan(episodes[0].home_task)}
-    oracle = Oracle()
-    agents = {name: Scripted() if name == "reset_arm" else oracle for name in skills}
-    execute.VectorSimulator = Recorded  # type: ignore[misc]
-    manipulates = np.zeros(100_000)
-    for episode in Executor(skills, agents, ExecutorOptions(lanes=HOME_LANES, threads=1)).run(episodes):
-        for done in episode.runs:
-            manipulates[done.begin : done.end] += done.skill in MANIPULATION
-    timed = [count >= 0.5 * len(step[1]) for count, step in zip(manipulates, log, strict=False)]
-    engine, runs = Engine(), []
-    for _ in range(REPEATS):
-        world = VectorSimulator(HOME_LANES, threads=1)
-        for lane, episode in enumerate(episodes):
-            built = episode_scene(episode)
-            world.reset(lane, built, start_pose(built.apartment, episode, 0))
-        spent, steps, inside = 0.0, 0, 0.0
-        for (actions, lanes, speed, arm_step), counts in zip(log, timed, strict=True):
-            began, engine.spent = time.perf_counter(), 0.0
-            world.step(actions, lanes, speed, arm_step)
-            world.sense(lanes)
-            if counts:
-                spent, steps, inside = spent + time.perf_counter() - began, steps + len(lanes), inside + engine.spent
-        runs.append((steps / spent, inside / spent))
-    return dict(zip(("control_steps_per_second", "engine_share"), max(runs), strict=True))
-
-
 def place(steps: int = 200) -> dict[str, float]:
     """Control steps a second of the place environment at the evaluation's physics rate, resets included."""
     from perdure.home.evaluate.policies import choose_policies
@@ -270,7 +198,7 @@ def home(what: str) -> dict[str, float]:
     """See the module."""
     from perdure.home.sim.scene import CONTROL_HZ
 
-    found = {"scene": scene, "place": place, "tasks": tasks}[what]()
+    found = {"place": place, "tasks": tasks}[what]()
     return {**found, "simulated_per_second": found["control_steps_per_second"] / CONTROL_HZ}
 
 
@@ -300,7 +228,6 @@ MEASUREMENTS: dict[str, Callable[..., dict[str, float]]] = {
     "robot": robot,
     "train": train,
     "evaluate": evaluate,
-    "disturbed": disturbed,
     "floors": floors,
     "home": home,
 }

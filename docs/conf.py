@@ -11,6 +11,7 @@ import api_pages  # noqa: E402
 import cli_page  # noqa: E402
 import docstrings  # noqa: E402
 import skill_tables  # noqa: E402
+from marks import write_changed  # noqa: E402
 
 import perdure  # noqa: E402
 
@@ -57,8 +58,8 @@ def setup(app: Any) -> None:
     """Write the generated pages, and read docstrings as Markdown."""
     reference = ROOT / "docs" / "reference"
     api_pages.write(reference / "api")
-    cli_page.write(reference / "cli.md")
-    skill_tables.write(ROOT / "docs" / "home" / "skills.md")
+    write_changed(reference / "cli.md", cli_page.page())
+    write_changed(ROOT / "docs" / "home" / "skills.md", skill_tables.page())
     app.connect("autodoc-process-docstring", docstrings.plain_attribute, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", docstrings.process, priority=600)
     app.connect("autodoc-process-signature", docstrings.signature)

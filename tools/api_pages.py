@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 import pkgutil
 import textwrap
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
 import docstrings
+from marks import write_changed
+from sphinx.pycode import ModuleAnalyzer
 
 import perdure
 
@@ -112,14 +113,14 @@ def constant_text(package: ModuleType, name: str) -> str:
     """Return the docstring below the assignment of a constant, searched in all files of the package or module."""
     file = Path(str(package.__file__))
     for path in sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]:
-        for statement, after in pairwise(ast.parse(path.read_text(encoding="utf-8")).body):
-            targets = getattr(statement, "targets", [getattr(statement, "target", None)])
-            found = isinstance(statement, ast.Assign | ast.AnnAssign) and name in {
-                getattr(t, "id", "") for t in targets
-            }
-            if found and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-                return inspect.cleandoc(str(after.value.value))
+        if found := _constant_texts(path).get(("", name)):
+            return "\n".join(found).strip()
     return ""
+
+
+@cache
+def _constant_texts(path: Path) -> Mapping[tuple[str, str], list[str]]:
+    return ModuleAnalyzer.for_file(str(path), path.stem).find_attr_docs()
 
 
 def write(folder: Path) -> None:
@@ -132,6 +133,4 @@ def write(folder: Path) -> None:
         if path.name not in pages:
             path.unlink()
     for name, text in pages.items():
-        path = folder / name
-        if not path.exists() or path.read_text(encoding="utf-8") != text:  # an unchanged page is not read again
-            path.write_text(text, encoding="utf-8")
+        write_changed(folder / name, text)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 import warnings
 from contextlib import redirect_stdout
 from functools import cache
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -99,14 +97,3 @@ def _code(text: str) -> str:
 def page() -> str:
     """Return the whole page."""
     return "\n".join([HEAD, *map(section, commands())])
-
-
-def write(path: Path) -> None:
-    """Write the page; an unchanged one is left alone."""
-    text = page()
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    write(Path(sys.argv[1]))

@@ -1,8 +1,15 @@
-"""Text between two marks of a Markdown page, which a script writes anew."""
+"""Write pages, or the text between two marks of a page, anew."""
 
 from __future__ import annotations
 
 import sys
+from pathlib import Path
+
+
+def write_changed(path: Path, text: str) -> None:
+    """Write a page; leave an unchanged one alone, so that Sphinx does not read it again."""
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
 
 
 def put(page: str, mark: str, text: str) -> str:

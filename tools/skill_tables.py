@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby
-from pathlib import Path
 
 from perdure.home.sim.robot import ARM_JOINTS
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
@@ -26,12 +25,6 @@ _AXIS = re.compile(r", [xyz]$")
 def page() -> str:
     """Return the whole page as Markdown."""
     return "\n\n".join([HEAD, *(_section(name, _longest(name)) for name in learned_skills())]) + "\n"
-
-
-def write(path: Path) -> None:
-    """Write the page; an unchanged one is left alone."""
-    if not path.exists() or path.read_text(encoding="utf-8") != page():
-        path.write_text(page(), encoding="utf-8")
 
 
 def reward_texts(skill: Skill) -> Mapping[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,24 +72,16 @@ class Subject:
     """Method, and its preset if it is not RL Zoo's: "ppo@cleanrl"."""
     files: tuple[Path, ...]
 
-    @property
-    def method(self) -> str:
-        """The method alone."""
-        return self.variant.partition("@")[0]
 
+def subjects(robots: Sequence[str] = ROBOTS, seeds: str = "?") -> Iterator[Subject]:
+    """Yield every subject of the study, in the order of its task, then by name.
 
-def subjects() -> Iterator[Subject]:
-    """Yield every subject of the study, in the order of its task, then by name; training seeds 0 to 9 alone."""
-    for robot in ROBOTS:
+    Args:
+        robots: The tasks.
+        seeds: Pattern of the training seeds: "?": 0 to 9; "1?": 10 to 19.
+    """
+    for robot in robots:
         for folder in sorted((POLICIES / robot).iterdir()):
-            files = sorted(folder.glob("seed-?.safetensors"))
+            files = sorted(folder.glob(f"seed-{seeds}.safetensors"))
             if files and f"{robot}/{folder.name}" not in STAND_STILL:
-                yield Subject(robot, folder.name, tuple(files))
-
-
-def fresh_subjects() -> Iterator[Subject]:
-    """Yield the training runs with seeds 10 to 19 of every method that has some."""
-    for robot in TASKS:
-        for folder in sorted((POLICIES / robot).iterdir()):
-            if files := sorted(folder.glob("seed-1?.safetensors")):
                 yield Subject(robot, folder.name, tuple(files))

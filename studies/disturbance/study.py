@@ -23,9 +23,9 @@ from studies.disturbance.grid import (
     FIRST_START,
     REGISTERED,
     STARTS,
+    TASKS,
     Condition,
     Subject,
-    fresh_subjects,
     subjects,
 )
 from studies.disturbance.tables import all_tables, draw_figures, page_tables
@@ -49,7 +49,7 @@ def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
 
 def _cells(phase: int) -> Iterator[tuple[str, Condition, Subject]]:
     """Yield the key of each cell of a phase's grid, and the cell."""
-    conditions, found = (CONDITIONS, subjects()) if phase == 1 else (REGISTERED, fresh_subjects())
+    conditions, found = (CONDITIONS, subjects()) if phase == 1 else (REGISTERED, subjects(TASKS, "1?"))
     for condition, subject in product(conditions, list(found)):
         if not condition.world or condition.world.startswith(f"gymnasium:{subject.task[:-1]}"):
             name = condition.name.replace(" ", "-")
@@ -97,31 +97,18 @@ def _moved(path: Path, world: str, to: Path) -> Path:
     return save_policy(replace(policy, task=replace(policy.task, name=world)), to)
 
 
-def collect(store: Path, out: Path) -> list[Path]:
-    """Copy the rows of finished units into the frozen tables; rows of others stay.
-
-    Raises:
-        PerdureError: No unit is finished, and there is no table.
-    """
-    written = [_collect(Store(store), phase, out / name) for phase, name in zip(PHASES, (EPISODES, FRESH), strict=True)]
-    if not any(written):
-        raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
-    return [path for path in written if path]
-
-
-def _collect(finished: Store, phase: int, frozen: Path) -> Path | None:
-    parts = list[pl.DataFrame]()
+def collect(finished: Store, phase: int, frozen: Path) -> None:
+    """Copy the rows of a phase's finished units into a frozen table; rows of others stay."""
+    parts, cell = list[pl.DataFrame](), ("task", "method", "condition")
     for key, condition, subject in _cells(phase):
         if finished.done(key):
-            named = {"task": subject.task, "method": subject.variant, "condition": condition.name}
-            rows = read_parquet_file(finished.get(key) / ROWS)
-            parts.append(rows.with_columns(**{name: pl.lit(value) for name, value in named.items()}))
-    if frozen.is_file():
-        old = read_parquet_file(frozen)
-        new = pl.concat(parts, how="diagonal").select("task", "method", "condition").unique() if parts else old.clear()
-        parts.append(old.join(new, ("task", "method", "condition"), "anti"))
-    order = ("task", "method", "condition", "train_seed", "eval_seed")
-    return write_atomic(frozen, parquet_bytes(pl.concat(parts, how="diagonal").sort(order))) if parts else None
+            named = dict(zip(cell, map(pl.lit, (subject.task, subject.variant, condition.name)), strict=True))
+            parts.append(read_parquet_file(finished.get(key) / ROWS).with_columns(**named))
+    if parts:
+        rows = pl.concat(parts, how="diagonal")
+        if frozen.is_file():
+            rows = pl.concat([rows, read_parquet_file(frozen).join(rows, cell, "anti")], how="diagonal")
+        write_atomic(frozen, parquet_bytes(rows.sort(*cell, "train_seed", "eval_seed")))
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -133,7 +120,8 @@ def analyze(scale: str, out: Path) -> list[Path]:
         PerdureError: There are no results.
     """
     if (out / "runs").is_dir():
-        collect(out / "runs", out)
+        for phase, name in zip(PHASES, (EPISODES, FRESH), strict=True):
+            collect(Store(out / "runs"), phase, out / name)
     if not (out / EPISODES).is_file():
         raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
     tables = all_tables(read_parquet_file(out / EPISODES))

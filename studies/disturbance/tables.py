@@ -63,6 +63,7 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
         groups.items(), key=lambda each: (each[0][0], each[0][1], names.index(str(each[0][2])), order[str(each[0][3])])
     ):
         task, preset, condition, method = map(str, key)
+        held = part.group_by("train_seed").agg(pl.col("holds").mean())
         share = mean_interval(part["left"].to_numpy().astype(float), part["train_seed"].to_numpy(), rng)
         working = mean_interval(part["works"].to_numpy(), part["train_seed"].to_numpy(), rng)
         rows.append(
@@ -73,7 +74,7 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
                 "method": METHODS.get(method, method),
                 "steps": part["test_horizon"][0],
                 "runs": part["train_seed"].n_unique(),
-                "runs that hold": int((_by_run(part, "holds") >= HOLDING_SHARE).sum()),
+                "runs that hold": int((held["holds"] >= HOLDING_SHARE).sum()),
                 "episodes": len(part),
                 "left": int(part["left"].sum()),
                 "left share": float(share.estimate),
@@ -86,10 +87,6 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
             }
         )
     return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def _by_run(part: pl.DataFrame, measure: str = "works") -> FloatArray:
-    return part.group_by("train_seed").agg(pl.col(measure).mean()).sort("train_seed")[measure].to_numpy()
 
 
 def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:

@@ -35,14 +35,13 @@ from perdure.stats import (
     survival_interval,
     t_interval,
 )
-from studies.horizon.claims import MEASURES, Condition
+from studies.horizon.claims import Condition
 from studies.horizon.results import Results
 from studies.horizon.tables import (
     CHOSEN,
     METHODS,
     PPO,
     condition_words,
-    method_words,
     setting_words,
 )
 
@@ -73,39 +72,25 @@ def all_figures(results: Results) -> Iterator[Figure]:
 
 
 def _start_states(results: Results, keys: Collection[tuple[str, Condition]]) -> str:
-    counts = {results.start_states(setting, each.method) for setting, each in keys}
+    counts = {int(results.of(setting, each.method)["episodes"].min()) for setting, each in keys}  # type: ignore[arg-type]
     least, most = min(counts), max(counts)
     number = wording.count(most, "start state") if least == most else f"{least} to {wording.count(most, 'start state')}"
     return f"Each training run: {number}."
 
 
-def style(condition: Condition, variant: int = 0) -> Style:
+def style(condition: Condition) -> Style:
     """Return color, dash and shape of a method, the same in every figure.
 
-    Args:
-        condition: The method; the optimistic choice of C is a variant of its own.
-        variant: Of the same color, with another dash and shape.
+    The optimistic choice of C has the color of its method, and another dash and shape.
     """
     name, first = SIBLINGS.get(condition.method, condition.method), list(METHODS)[:8]
     place = first.index(name) if name in first else len(first) - 1
-    variant += name != condition.method or condition.clock == "best"
-    other = charts.style(place + 3 + variant if variant else place)
+    variant = name != condition.method or condition.clock == "best"
+    other = charts.style(place + 4 if variant else place)
     return replace(charts.style(place), dash=other.dash, shape=other.shape)
 
 
 # Intervals and curves.
-
-
-def _run_interval(values: Mapping[int, float]) -> Interval:
-    """Return the mean over training runs with Student's t interval, as tables and claims have it."""
-    return t_interval(Units(np.array([values[seed] for seed in sorted(values)]), TRAINING_SEEDS))
-
-
-def _bounds(interval: Interval) -> tuple[float, float, float]:
-    """Return (mean, lower, upper); nan bounds where there are too few training runs."""
-    few = interval.count < FEWEST_FOR_INTERVAL
-    lower, upper = (np.nan, np.nan) if few else (float(interval.lower), float(interval.upper))
-    return float(interval.estimate), lower, upper
 
 
 def _interval_note(intervals: Collection[Interval], what: str) -> str:
@@ -242,7 +227,7 @@ def _learning_figure(results: Results, setting: str) -> Iterator[Figure]:
     }
     if not {"ppo", "linear"} <= set(found):
         return
-    curves, intervals, counts = [], [], []
+    curves, intervals = [], []
     for name, part in found.items():
         runs = part.partition_by("train_seed", maintain_order=True)
         x = np.linspace(0.0, float(part["step"].max() or 1.0), 51)[1:]  # type: ignore[arg-type]
@@ -251,12 +236,11 @@ def _learning_figure(results: Results, setting: str) -> Iterator[Figure]:
             for run in runs
         ]
         interval = estimate_interval(Units(np.stack(rows), TRAINING_SEEDS), np.random.default_rng(SEED))
-        curves.append(_curve(method_words(name), x, interval, style(Condition(name))))
+        curves.append(_curve(condition_words(Condition(name)), x, interval, style(Condition(name))))
         intervals.append(interval)
-        counts.append(len(runs))
     note = "Sampled actions, as in training. To the linear methods the horizon is also an end. "
     note += _interval_note(intervals, "Bands")
-    y = Axis(f"mean return of training episodes ({wording.sample(counts, 'training run')})")
+    y = Axis(f"mean return of training episodes ({wording.sample([each.count for each in intervals], 'training run')})")
     chart = curve_chart(curves, Axis("training steps"), y)
     yield Figure(slug("figure-a-1", setting), "Training returns", chart, note, setting_words(setting))
 
@@ -264,64 +248,68 @@ def _learning_figure(results: Results, setting: str) -> Iterator[Figure]:
 # Points by setting.
 
 
-def _points(
-    label: str,
-    look: Style,
-    intervals: Mapping[int, tuple[float, float, float]],
-    rings: Mapping[int, Sequence[float]] | None = None,
-) -> Points:
-    """Return one condition's points: (mean, lower, upper) by row, and the training runs as rings."""
-    mean, lower, upper = (np.array(each) for each in zip(*intervals.values(), strict=True))
-    members = () if rings is None else ([list(rings.get(row, ())) for row in intervals],)
-    return Points(label, list(intervals), mean, look, lower, upper, *members)
+def _setting_figure(
+    values: Mapping[tuple[str, Condition], Mapping[int, float]],
+    name: str,
+    title: str,
+    axis: str,
+    note: str,
+    rings: bool,
+) -> Figure:
+    """Draw means over training runs, a row for each setting.
+
+    Args:
+        values: One number per training run, by setting and condition; at least one.
+        name: Of the figure's file.
+        title: Of the figure.
+        axis: What the numbers are.
+        note: With "{intervals}" where the note on intervals comes.
+        rings: Whether to draw the training runs too.
+    """
+    names = list(dict.fromkeys(setting for setting, _ in values))
+    intervals = {
+        key: t_interval(Units(np.array([found[seed] for seed in sorted(found)]), TRAINING_SEEDS))
+        for key, found in values.items()
+    }
+    points = []
+    for each in dict.fromkeys(condition for _, condition in values):
+        keys = {row: (setting, each) for row, setting in enumerate(names) if (setting, each) in values}
+        mine = [intervals[key] for key in keys.values()]
+        mean, lower, upper = np.array([(found.estimate, *found.last()) for found in mine]).T
+        runs = [list(values[key].values()) for key in keys.values()] if rings else None
+        points.append(Points(condition_words(each), list(keys), mean, style(each), lower, upper, runs))
+    chart = point_chart([*map(setting_words, names)], points, Axis(axis), charts.WIDE)
+    note = note.format(intervals=_interval_note(list(intervals.values()), "Bars"))
+    return Figure(name, title, chart, note, wide=True)
 
 
 def _return_figure(results: Results) -> Iterator[Figure]:
     """Draw figure 3-2: return of the test horizon by setting, as far as there is a published policy."""
     rates = {each: rate for each in results.grid.settings if math.isfinite(rate := results.published_rate(each))}
-    scaled = {
+    shares = {
         (each, condition): {seed: value / (rate * results.grid.steps) for seed, value in found.items()}
         for each, rate in rates.items()
         for condition in FIGURE_3_2
         if (found := results.values(each, condition))
     }
-    names = [each for each in rates if any(each == setting for setting, _ in scaled)]
-    intervals = {key: _run_interval(found) for key, found in scaled.items()}
-    points = []
-    for each in FIGURE_3_2:
-        rows = {row: (setting, each) for row, setting in enumerate(names) if (setting, each) in scaled}
-        if rows:
-            means = {row: _bounds(intervals[key]) for row, key in rows.items()}
-            rings = {row: list(scaled[key].values()) for row, key in rows.items()}
-            points.append(_points(condition_words(each), style(each), means, rings))
-    if points:
+    if shares:
+        title = f"Return of {wording.whole(float(results.grid.steps))} steps"
         note = (
-            f"Hollow: training runs. {_interval_note(list(intervals.values()), 'Bars')} "
-            f"{_start_states(results, list(scaled))} "
+            f"Hollow: training runs. {{intervals}} {_start_states(results, list(shares))} "
             "1: the reward rate of a published policy in episodes of 1,000 steps, kept up."
         )
-        chart = point_chart(
-            [*map(setting_words, names)], points, Axis("share of a published policy's reward"), charts.WIDE
-        )
-        title = f"Return of {wording.whole(float(results.grid.steps))} steps"
-        yield Figure("figure-3-2", title, chart, note, wide=True)
+        yield _setting_figure(shares, "figure-3-2", title, "share of a published policy's reward", note, rings=True)
 
 
 def _critic_figure(results: Results) -> Iterator[Figure]:
     """Draw the unexplained variance of the critic, by setting."""
     measure = "value variance"
-    found = {
-        (setting, method): _run_interval(values)
+    unexplained = {
+        (setting, condition): values
         for setting in results.grid.settings
-        for method in MECHANISM_METHODS
-        if (values := results.values(setting, Condition(method), measure))
+        for condition in map(Condition, MECHANISM_METHODS)
+        if (values := results.values(setting, condition, measure))
     }
-    names = [setting for setting in results.grid.settings if any(setting == each for each, _ in found)]
-    points = []
-    for method in dict.fromkeys(method for _, method in found):
-        rows = {k: _bounds(found[name, method]) for k, name in enumerate(names) if (name, method) in found}
-        points.append(_points(method_words(method), style(Condition(method)), rows))
-    if points:
-        note = f"{MEASURES[measure].capitalize()}. {_interval_note(list(found.values()), 'Bars')}"
-        chart = point_chart([*map(setting_words, names)], points, Axis(measure), charts.WIDE)
-        yield Figure(slug(measure), f"The critic: {measure}", chart, note, wide=True)
+    if unexplained:
+        note = "Share of the variance of the returns to go that the value does not explain. {intervals}"
+        yield _setting_figure(unexplained, slug(measure), f"The critic: {measure}", measure, note, rings=False)

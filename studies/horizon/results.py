@@ -25,7 +25,7 @@ from perdure.report.groups import EPISODE_FAILURES, TRAINING_SCORE
 from perdure.runs import write_atomic
 from studies.files import parquet_bytes, read_parquet_file
 from studies.horizon.claims import SCORE, Condition
-from studies.horizon.grid import Grid, Row
+from studies.horizon.grid import Grid
 
 TEST, VALIDATION = "test", "validation"
 RUN = ("setting", "method", "train_seed")
@@ -33,7 +33,7 @@ CURVE_POINTS = 80
 """Recorded steps that are kept of an episode, at most: what a figure draws."""
 LEARNING_POINTS = 50
 MEASURED = ("return", SCORE, "failed share", "training score vs published", "steps to failure")
-"""Measures of `claims.MEASURES` that episodes give."""
+"""Measures that episodes give; others are in the table of mechanisms."""
 _UNKNOWN = pl.col("policy_state") == "cannot tell"
 VERDICT = (
     pl.when(_UNKNOWN | ((pl.col("policy_state") == "worked") & pl.col("outcome").is_in(["cut", "unknown"])))
@@ -45,7 +45,7 @@ VERDICT = (
 """As reports show it, but falls of a policy that cannot be judged do not count alone: shares would be of falls only."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrozenTable:
     """A frozen table, declared once."""
 
@@ -126,7 +126,7 @@ MECHANISMS = FrozenTable(
         "method": pl.String,
         "train_seed": pl.Int64,
         "measure": pl.String,
-        "at": pl.Int64,  # steps to go, or C of "change"; null for a measure of the whole run
+        "at": pl.Int64,  # steps to go; null for a measure of the whole run
         "result": pl.Float64,
     },
 )
@@ -142,6 +142,9 @@ CLOCKS = FrozenTable(
         "simulated_steps": pl.Int64,
     },
 )
+
+
+TABLES = (EPISODES, LEARNING, MECHANISMS, CLOCKS)
 
 
 def name_clocks(table: pl.DataFrame) -> pl.DataFrame:
@@ -231,87 +234,56 @@ class Results:
     rules: pl.DataFrame
 
     @cached_property
-    def runs(self) -> dict[str, pl.DataFrame]:
-        """The means of each clock and training run by split, and the number of episodes."""
+    def runs(self) -> pl.DataFrame:
+        """The means of each split, clock and training run, and the number of episodes."""
         keys = ("setting", "method", "clock", "clock_kind", "clock_steps", "train_seed")
         means = [pl.col(name).mean() for name in MEASURED]
-        runs = (
-            self.episodes.group_by("split", "row", *keys)
-            .agg(pl.len().alias("episodes"), *means)
-            .sort("row", "clock_kind", "clock_steps", "train_seed")
-        )
-        return {split: runs.filter(pl.col("split") == split).drop("split", "row") for split in (TEST, VALIDATION)}
+        runs = self.episodes.group_by("split", "row", *keys).agg(pl.len().alias("episodes"), *means)
+        return runs.sort("row", "clock_kind", "clock_steps", "train_seed").drop("row")
 
-    @cached_property
-    def _by_row(self) -> dict[tuple[str, str, str], pl.DataFrame]:
-        return {
-            (split, setting, method): part
-            for split, runs in self.runs.items()
-            for (setting, method), part in runs.partition_by("setting", "method", as_dict=True).items()
-        }
-
-    def of(self, row: Row, split: str = TEST) -> pl.DataFrame:
-        """Return the runs of one row on one split; an empty frame where it is not evaluated."""
-        return self._by_row.get((split, row.setting, row.method), pl.DataFrame())
+    def of(self, setting: str, method: str, split: str = TEST) -> pl.DataFrame:
+        """Return the runs of one setting and method on one split; no rows where it is not evaluated."""
+        return self.runs.filter(split=split, setting=setting, method=method)
 
     @cache  # noqa: B019 - a process reads one set of results
     def values(self, setting: str, condition: Condition, measure: str = "return") -> dict[int, float]:
         """Return a measure of each training run under a condition, by training seed; {} where it is not there."""
-        row = self.grid.row(setting, condition.method)
-        if row is None:
-            return {}
-        if measure in MEASURED:
-            test = self.of(row)
-            return {} if test.is_empty() else values_under(test, self.clocks(row, condition.clock), measure)
-        mine = (pl.col("setting") == setting) & (pl.col("method") == condition.method)
-        found = self.mechanism.filter(mine & pl.col("at").is_null() & (pl.col("measure") == measure))
-        return dict(found.select("train_seed", "result").iter_rows())
-
-    def start_states(self, setting: str, method: str) -> int:
-        """Return the number of test start states of each training run; 0 where none is evaluated."""
-        runs = self._by_row.get((TEST, setting, method))
-        return 0 if runs is None else int(runs["episodes"].min())  # type: ignore[arg-type]
+        of_row = {"setting": setting, "method": condition.method}
+        if measure not in MEASURED:
+            found = self.mechanism.filter(pl.col("at").is_null(), measure=measure, **of_row)
+            return dict(found.select("train_seed", "result").iter_rows())
+        return values_under(self.of(**of_row), self.clocks(setting, condition), measure)
 
     def swept(self, setting: str, method: str, kind: str) -> dict[float, str]:
         """Return C to clock, by rising C, of the test episodes under clocks of one kind."""
-        runs = self._by_row.get((TEST, setting, method))
-        if runs is None:
-            return {}
-        clocks = runs.filter(pl.col("clock_kind") == kind).select("clock_steps", "clock").unique().sort("clock_steps")
-        return dict(clocks.iter_rows())
+        clocks = self.of(setting, method).filter(clock_kind=kind).select("clock_steps", "clock")
+        return dict(clocks.unique().sort("clock_steps").iter_rows())
 
-    @cache  # noqa: B019 - as above
-    def clocks(self, row: Row, rule: str) -> dict[int, str]:
-        """Return the clock that a rule gives each training run of a row; {} if the results do not decide it."""
-        test, validation = self.of(row), self.of(row, VALIDATION)
+    def clocks(self, setting: str, condition: Condition) -> dict[int, str]:
+        """Return the clock that a condition gives each training run; {} if the results do not decide it."""
+        rule, of_row = condition.clock, {"setting": setting, "method": condition.method}
         if rule in ("chosen", "chosen periodic"):
-            kind = "constant" if rule == "chosen" else "periodic"
-            known = not validation.is_empty() and kind in validation["clock_kind"]
-            return cross_validated(validation, kind) if known else {}
+            swept = self.of(**of_row, split=VALIDATION)
+            return cross_validated(swept.filter(clock_kind="constant" if rule == "chosen" else "periodic"))
         if rule in ("value", "bandit"):
-            mine = (pl.col("setting") == row.setting) & (pl.col("method") == row.method) & (pl.col("rule") == rule)
-            return dict(self.rules.filter(mine).select("train_seed", "clock").iter_rows())
+            return dict(self.rules.filter(rule=rule, **of_row).select("train_seed", "clock").iter_rows())
+        row = self.grid.row(**of_row)
         if rule == "best":
-            return dict.fromkeys(row.seeds, optimistic(test)) if "constant" in test["clock_kind"] else {}
-        return dict.fromkeys(row.seeds, rule)
+            swept = self.of(**of_row).filter(clock_kind="constant")
+            rule = "" if swept.is_empty() else best_clock(swept)
+        return dict.fromkeys(row.seeds, rule) if row and rule else {}
 
     def deployed(self, setting: str, condition: Condition) -> pl.DataFrame:
         """Return the test episodes of a condition, by training seed and start state; none where it is not evaluated."""
-        row = self.grid.row(setting, condition.method)
-        if row is None or self.of(row).is_empty():
-            return self.episodes.clear()
-        clocks = self.clocks(row, condition.clock)
-        wanted = pl.DataFrame({"train_seed": list(clocks), "clock": list(clocks.values())}, schema=_WANTED)
-        mine = (pl.col("setting") == setting) & (pl.col("method") == condition.method) & (pl.col("split") == TEST)
-        return self.episodes.filter(mine).join(wanted, on=list(_WANTED), how="semi").sort("train_seed", "eval_seed")
+        wanted = [{"train_seed": seed, "clock": clock} for seed, clock in self.clocks(setting, condition).items()]
+        kinds = {name: EPISODES.columns[name] for name in ("train_seed", "clock")}
+        mine = self.episodes.filter(setting=setting, method=condition.method, split=TEST)
+        return mine.join(pl.DataFrame(wanted, kinds), on=list(kinds), how="semi").sort("train_seed", "eval_seed")
 
     def published_rate(self, setting: str) -> float:
         """Return the reward per step of a published policy; nan where none is known."""
-        rates = self.episodes.filter((pl.col("setting") == setting) & (pl.col("split") == TEST))["published_rate"]
+        rates = self.episodes.filter(setting=setting, split=TEST)["published_rate"]
         return float(rates[0]) if len(rates) else float("nan")
-
-
-_WANTED = {"train_seed": pl.Int64, "clock": pl.String}
 
 
 def read_results(grid: Grid, out: Path) -> Results:
@@ -320,7 +292,7 @@ def read_results(grid: Grid, out: Path) -> Results:
     Raises:
         PerdureError: A table is damaged.
     """
-    return select(grid, *(table.read(out) for table in (EPISODES, LEARNING, MECHANISMS, CLOCKS)))
+    return select(grid, *(table.read(out) for table in TABLES))
 
 
 def select(
@@ -347,27 +319,27 @@ def select(
     return Results(grid, measure(mine), *others)
 
 
-def cross_validated(validation: pl.DataFrame, kind: str = "constant") -> dict[int, str]:
+def cross_validated(validation: pl.DataFrame) -> dict[int, str]:
     """Return the clock of each training run: that under which the *other* runs earn most on validation start states.
 
     Neither the run nor the test start states take part in the choice. With a single training run it is chosen by that
-    run itself. Of equally good clocks the first one counts.
+    run itself.
 
     Args:
-        validation: Runs of one row, as `Results.of` gives them.
-        kind: Of the clocks to choose among: "constant" or "periodic".
-
-    Raises:
-        PerdureError: There is no clock of that kind.
+        validation: Runs of one row, as `Results.of` gives them, under the clocks to choose among.
     """
-    runs = _kind(validation, kind, VALIDATION)
-    seeds = runs["train_seed"].unique().sort().to_list()
-    return {seed: _best(runs.filter(pl.col("train_seed") != seed) if len(seeds) > 1 else runs) for seed in seeds}
+    seeds = validation["train_seed"].unique().sort().to_list()
+    others = {seed: validation.filter(pl.col("train_seed") != seed) for seed in seeds}
+    return {seed: best_clock(runs if len(seeds) > 1 else validation) for seed, runs in others.items()}
 
 
-def optimistic(test: pl.DataFrame, kind: str = "constant") -> str:
-    """Return the clock with the highest mean over training runs on the very start states that are reported."""
-    return _best(_kind(test, kind, TEST))
+def best_clock(runs: pl.DataFrame) -> str:
+    """Return the clock with the highest mean over training runs; of equals the one with the least C.
+
+    On the very start states that are reported this choice is optimistic.
+    """
+    means = runs.group_by("clock", "clock_steps").agg(pl.col("return").mean()).sort("clock_steps")
+    return str(means["clock"][int(means["return"].arg_max() or 0)])
 
 
 def values_under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "return") -> dict[int, float]:
@@ -381,15 +353,3 @@ def values_under(test: pl.DataFrame, clocks: Mapping[int, str], measure: str = "
         return {}
     found = {seed: values[seed, clock] for seed, clock in sorted(clocks.items())}
     return {seed: value for seed, value in found.items() if value is not None}
-
-
-def _kind(runs: pl.DataFrame, kind: str, split: str) -> pl.DataFrame:
-    found = runs.filter(pl.col("clock_kind") == kind)
-    if found.is_empty():
-        raise PerdureError(f"there is no {kind} clock to choose among on the {split} start states")
-    return found
-
-
-def _best(runs: pl.DataFrame) -> str:
-    means = runs.group_by("clock", "clock_steps").agg(pl.col("return").mean()).sort("clock_steps")
-    return str(means["clock"][int(means["return"].arg_max() or 0)])

@@ -1,8 +1,8 @@
 """Short rollouts: why a policy holds or falls (units of the stage "mechanism"), and a clock without a sweep ("clocks").
 
 Mechanism: every episode has a horizon T drawn as in training (evenly over its distribution) and counts down to it.
-Measured are reward and falls against the steps to go (thesis, 3.5.1: robots lurch forward at the end), error and spread
-of the critic (3.2.3), and how much the action depends on the time-to-go input.
+Measured are the reward against the steps to go (thesis, 3.5.1: robots lurch forward at the end), and what the critic
+explains (3.2.3).
 
 The return to go of a step is what the critic was trained to predict: the sum of rewards up to the episode's horizon
 where its end counts as terminated, the discounted sum without an end where it is bootstrapped. With gamma = 1 and a
@@ -19,6 +19,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -43,10 +44,6 @@ LONGEST_TAIL = 1000
 """Steps after the horizon that a discounted return to go counts at most."""
 NEGLIGIBLE_WEIGHT = 0.01
 """A reward this strongly discounted is left out."""
-ASKED_C = tuple(range(0, 1001, 100))
-REFERENCE_C = 500
-"""The C that others are compared with."""
-MOST_STATES = 400
 HALVING_SEEDS, HALVING_STEPS = 2, 500
 """Start states of each candidate in each round of halving, and steps in the first."""
 HALVING_SEED = 4000
@@ -65,18 +62,11 @@ class Rollout:
     """Shape (m, n)."""
     lengths: NDArray[np.int64]
     """Steps each episode made, shape (n,)."""
-    fell: NDArray[np.bool_]
-    """Whether the task ended the episode, shape (n,)."""
 
     @property
     def made(self) -> NDArray[np.bool_]:
         """Which steps were made, shape (m, n)."""
         return np.arange(len(self.rewards))[:, None] < self.lengths[None, :]
-
-    @property
-    def simulated_steps(self) -> int:
-        """Steps of all episodes together."""
-        return int(self.lengths.sum())
 
 
 def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Rollout:
@@ -85,7 +75,7 @@ def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Roll
     world = make_world(policy.task.name, [FIRST_SEED + episode for episode in range(episodes)])
     observations = np.full((steps, episodes, policy.task.observation_size), np.nan)
     rewards = np.zeros((steps, episodes))
-    lengths, fell = np.full(episodes, steps), np.zeros(episodes, bool)
+    lengths = np.full(episodes, steps)
     try:
         loop = ClosedLoop(world, [EpisodePolicy(policy, clock) for clock in clocks])
         with one_thread():
@@ -95,24 +85,16 @@ def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Roll
                 moved = loop.advance()
                 observations[step, moved.episodes] = moved.before
                 rewards[step, moved.episodes] = np.nan_to_num(moved.step.rewards)
-                ended = moved.episodes[moved.step.ended]
-                lengths[ended] = step + 1
-                fell[moved.episodes[moved.step.terminated]] = True
+                lengths[moved.episodes[moved.step.ended]] = step + 1
     finally:
         world.close()
-    return Rollout(observations, rewards, lengths, fell)
+    return Rollout(observations, rewards, lengths)
 
 
 def draw_horizons(policy: Policy, episodes: int) -> NDArray[np.int64]:
     """Return training horizons, evenly over their distribution, shape (episodes,)."""
     drawn = np.asarray(policy.protocol.horizon.from_uniform((np.arange(episodes) + 0.5) / episodes), np.float64)
     return np.where(np.isfinite(drawn), drawn, WITHOUT_END).astype(np.int64)
-
-
-def thinned(rollout: Rollout, most: int) -> FloatArray:
-    """Return visited states, at most so many, evenly over steps and episodes; shape (states, observation size)."""
-    states: FloatArray = rollout.observations[rollout.made]
-    return states[:: -(-len(states) // most)]
 
 
 def measure(work: Work, *, path: str) -> None:
@@ -125,20 +107,8 @@ def measure(work: Work, *, path: str) -> None:
         [Countdown(float(horizon)) if timed else None for horizon in horizons],
         int(horizons.max()) + (tail_steps(policy) if has_target(policy) else 0),
     )
-    curves = [(rewards_to_go(rollout, horizons), "steps to go")]
-    whole = value_measures(policy, rollout, horizons)
-    if timed:
-        changes = action_changes(policy, rollout)
-        curves.append((changes, "C"))
-        whole["action dependence"] = float(changes.filter(pl.col("C") != REFERENCE_C)["change"].to_numpy().mean())
-    rows = [
-        [name, at, float(value)]
-        for frame, place in curves
-        for name in frame.columns
-        if name != place
-        for at, value in frame.select(place, name).iter_rows()
-    ]
-    rows += [[name, None, value] for name, value in whole.items()]
+    rows: list[list[Any]] = [["reward", *row] for row in rewards_to_go(rollout, horizons).iter_rows()]
+    rows += [[name, None, value] for name, value in value_measures(policy, rollout, horizons).items()]
     write_atomic(work.folder / RESULT, json.dumps([row for row in rows if math.isfinite(row[2])]) + "\n")
 
 
@@ -157,18 +127,11 @@ def bins_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> NDArray[np.int6
 
 
 def rewards_to_go(rollout: Rollout, horizons: NDArray[np.int64]) -> pl.DataFrame:
-    """Return reward per step, steps and falls in each bin: "steps to go", "reward", "steps", "falls"."""
+    """Return the mean reward per step in each bin: columns "steps to go", "reward"."""
     bins = bins_to_go(rollout, horizons)
-    fell = np.zeros(bins.shape)
-    for episode in np.flatnonzero(rollout.fell):
-        fell[rollout.lengths[episode] - 1, episode] = 1.0
-    frame = pl.DataFrame({"steps to go": bins.ravel(), "reward": rollout.rewards.ravel(), "falls": fell.ravel()})
+    frame = pl.DataFrame({"steps to go": bins.ravel(), "reward": rollout.rewards.ravel()})
     within = frame.filter(pl.col("steps to go") > 0)
-    return (
-        within.group_by("steps to go")
-        .agg(pl.col("reward").mean(), steps=pl.len().cast(pl.Int64), falls=pl.col("falls").sum().cast(pl.Int64))
-        .sort("steps to go")
-    )
+    return within.group_by("steps to go").agg(pl.col("reward").mean()).sort("steps to go")
 
 
 def has_target(policy: Policy) -> bool:
@@ -214,25 +177,6 @@ def value_measures(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]
     if spread == 0.0:
         return {}
     return {"value variance": float((returns - values).var()) / spread**2}
-
-
-def action_changes(policy: Policy, rollout: Rollout) -> pl.DataFrame:
-    """Return the mean change of the action for each C: columns "C", "change".
-
-    In visited states the policy is asked what it would do with C steps to go in an episode of 1,000. The change is
-    |action(C) - action(500)|, averaged over states and components, as a share of the width of the action box.
-    """
-    states = thinned(rollout, MOST_STATES)
-    width = np.asarray(policy.task.action_high) - np.asarray(policy.task.action_low)
-    own = _actions(policy, states, REFERENCE_C)
-    changes = [float((np.abs(_actions(policy, states, c) - own) / width).mean()) for c in ASKED_C]
-    return pl.DataFrame({"C": list(ASKED_C), "change": changes})
-
-
-def _actions(policy: Policy, states: FloatArray, steps: int) -> FloatArray:
-    # Not phi(0, C): the linear embedding is 1 there for every C.
-    horizons = np.full(len(states), float(ASKED_C[-1]))
-    return policy.act_at(states, horizons - steps, horizons)
 
 
 def choose_by_halving(policy: Policy, candidates: Sequence[Constant], most_steps: int) -> tuple[Constant, int]:

@@ -32,7 +32,9 @@ from studies.horizon.results import (
     EPISODES,
     LEARNING,
     MECHANISMS,
+    TABLES,
     TEST,
+    FrozenTable,
     freeze_episodes,
     freeze_learning,
     read_results,
@@ -99,16 +101,12 @@ def train_run(grid: Grid, row: Row) -> TrainRun:
     """Return the training run of a row; its units are those of `perdure train TASK --method METHOD --preset PRESET`."""
     from perdure.learn.run import TrainRun
 
-    base = "ppo" if row.gamma is not None else row.method
-    return TrainRun(row.task, row.method, row_config(grid, row), row.seeds, preset=row.preset, base_method=base)
+    return TrainRun(row.task, row.method, row_config(grid, row), row.seeds, preset=row.preset)
 
 
 def row_config(grid: Grid, row: Row) -> PPOConfig:
     """Return the learner's settings of a row."""
-    method, size = "ppo" if row.gamma is not None else row.method, task_spec(row.task).observation_size
-    config = method_config(method, row.task, size, row.preset)
-    if row.gamma is not None:
-        config = replace(config, protocol=replace(config.protocol, gamma=row.gamma))
+    config = method_config(row.method, row.task, task_spec(row.task).observation_size, row.preset)
     return config if grid.training_steps is None else replace(config, total_steps=grid.training_steps)
 
 
@@ -135,7 +133,7 @@ def collect(store: Path, out: Path) -> list[Path]:
         raise PerdureError(f"there are no training runs in {store}")
     finished = Store(store)
     keys = [key for key in finished.keys("") if key.count("/") >= 2]
-    parts: dict[str, list[pl.DataFrame]] = {table.file: [] for table in (EPISODES, LEARNING, MECHANISMS, CLOCKS)}
+    parts: dict[FrozenTable, list[pl.DataFrame]] = {table: [] for table in TABLES}
     policies = []
     for key in keys:
         folder, (*stage, task, variant, seed) = finished.get(key), key.split("/")
@@ -146,9 +144,9 @@ def collect(store: Path, out: Path) -> list[Path]:
                 policy = load_policy(folder / POLICY).without_critic()
                 policies.append(save_policy(policy, out / "policies" / task / variant / f"{seed}.safetensors"))
             curve = read_parquet_file(folder / "episodes.parquet")
-            parts[LEARNING.file].append(freeze_learning(curve, setting, method, train_seed))
+            parts[LEARNING].append(freeze_learning(curve, setting, method, train_seed))
         elif stage[0] == EVALUATION:
-            parts[EPISODES.file].append(freeze_episodes(read_table(folder / TABLE)[0], setting, method, stage[1]))
+            parts[EPISODES].append(freeze_episodes(read_table(folder / TABLE)[0], setting, method, stage[1]))
         else:
             rows = json.loads((folder / RESULT).read_text())
             table = MECHANISMS if stage[0] == MECHANISM else CLOCKS
@@ -157,15 +155,10 @@ def collect(store: Path, out: Path) -> list[Path]:
                 named | (dict(zip(("measure", "at", "result"), row, strict=True)) if table is MECHANISMS else row)
                 for row in rows
             ]
-            parts[table.file].append(pl.DataFrame(found, schema=table.columns))
-    if not parts[LEARNING.file]:
+            parts[table].append(pl.DataFrame(found, schema=table.columns))
+    if not parts[LEARNING]:
         raise PerdureError(f"there is no finished training run in {store}")
-    written = [
-        table.add(out, pl.concat(parts[table.file]))
-        for table in (EPISODES, LEARNING, MECHANISMS, CLOCKS)
-        if parts[table.file]
-    ]
-    return [*written, *policies]
+    return [*(table.add(out, pl.concat(found)) for table, found in parts.items() if found), *policies]
 
 
 def analyze(scale: str, out: Path) -> list[Path]:

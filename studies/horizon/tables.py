@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,25 +29,13 @@ METHODS = {
     "random-horizon": "random horizon, no time-to-go",
     "geometric-fixed": "geometric time-to-go, fixed horizon",
     "ppo-short": "PPO, episodes of 200 steps",
-    "ppo-undiscounted-terminal": "undiscounted PPO, no bootstrap",
     "linear-10-workers": "linear time-to-go, ten workers",
     "linear-random": "linear time-to-go, random horizon",
-    "geometric-5": "geometric time-to-go, five numbers",
-    "geometric-10": "geometric time-to-go, ten numbers",
-    "geometric-film": "geometric time-to-go, FiLM",
     "geometric-discounted": "geometric time-to-go with PPO's gamma",
+    "ppo-gamma-0.999": "PPO, discount 0.999",
 }
 """In words. The first eight are in the order of the theme's styles; others share the last one's."""
-RULE_WORDS = {
-    "chosen": "cross-validated C",
-    "chosen periodic": "cross-validated C, repeated countdown",
-    "best": "best C of the sweep",
-    "value": "C by the critic",
-    "bandit": "C by successive halving",
-    "countdown": "countdown to the end",
-}
-
-
+RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
 FIRST = (PPO, Condition("ppo-undiscounted"), Condition("ppo-average-reward"), CHOSEN)
 """Methods of the page's first table."""
 DISTURBED = Path(__file__).parents[2] / "results" / "disturbance" / "tables"
@@ -61,7 +49,11 @@ CLOCKS = {
 
 def all_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables by the name of their file; those without a row are left out."""
-    frames = {"runs": results.runs[TEST], "rules": rule_table(results), "claims": claim_table(results)}
+    frames = {
+        "runs": results.runs.filter(split=TEST).drop("split"),
+        "rules": rule_table(results),
+        "claims": claim_table(results),
+    }
     return {name: frame for name, frame in frames.items() if not frame.is_empty()}
 
 
@@ -89,14 +81,14 @@ def rule_table(results: Results) -> pl.DataFrame:
 
 def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
     chosen = results.values(row.setting, Condition(row.method, "chosen"))
-    mine = (pl.col("setting") == row.setting) & (pl.col("method") == row.method)
-    swept = results.episodes.filter(mine & (pl.col("split") == VALIDATION) & (pl.col("clock_kind") == "constant"))
+    mine = {"setting": row.setting, "method": row.method}
+    swept = results.episodes.filter(split=VALIDATION, clock_kind="constant", **mine)
     if not chosen or swept.is_empty():
         return
     cost = {"chosen": float(swept["end_step"].sum()) / len(row.seeds)}
     for rule in ("chosen", "value", "bandit"):
         returns = results.values(row.setting, Condition(row.method, rule))
-        used = results.rules.filter(mine & (pl.col("rule") == rule))
+        used = results.rules.filter(rule=rule, **mine)
         if not returns:
             continue
         difference = compare_paired(returns, chosen)
@@ -113,11 +105,6 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
         }
 
 
-def main_settings(results: Results) -> tuple[str, ...]:
-    """Return the settings whose scores are averaged: `grid.MAIN_SETTINGS`, as far as the grid has them."""
-    return tuple(setting for setting in results.grid.settings if setting in MAIN_SETTINGS)
-
-
 def task_mean(
     results: Results, each: Condition, measure: str = SCORE, settings: Sequence[str] = MAIN_SETTINGS
 ) -> Difference | None:
@@ -129,25 +116,31 @@ def task_mean(
 
 def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables of the page by name; their cells are texts: a number, perhaps with its 95 % interval."""
-    clocks = []
-    for setting in main_settings(results):
+    rows = {
+        "first": _first_rows(results),
+        "registered": _registered_rows(),
+        "fresh": _fresh_rows(),
+        "clocks": _clock_rows(results),
+        "claims": _claim_rows(results),
+    }
+    return {name: pl.DataFrame(list(found)) for name, found in rows.items()}
+
+
+def _clock_rows(results: Results) -> Iterator[dict[str, str]]:
+    """Yield the returns under each clock, and rewards by steps to go, of the geometric method on each main task."""
+    for setting in (each for each in results.grid.settings if each in MAIN_SETTINGS):
         returns = {clock: _mean(results.values(setting, Condition("geometric", clock)).values()) for clock in CLOCKS}
         row = {name: f"{returns[clock] / returns['constant:500']:.2f}" for clock, name in CLOCKS.items()}
-        reward = results.mechanism.filter(
-            (pl.col("setting") == setting) & (pl.col("method") == "geometric") & (pl.col("measure") == "reward")
-        )
+        reward = results.mechanism.filter(setting=setting, method="geometric", measure="reward")
         for name, span in {"reward, last 50": (50, 50), "301 to 700": (350, 700)}.items():
             row[name] = f"{_mean(reward.filter(pl.col('at').is_between(*span))['result']):.2f}"
-        clocks.append({"task": setting_words(setting)} | row)
-    rows: dict[str, Iterable[dict[str, str]]] = {"clocks": clocks}
-    rows |= {"first": _first_rows(results), "registered": _registered_rows(), "fresh": _fresh_rows()}
-    tables = {name: pl.DataFrame(list(found)) for name, found in rows.items()}
-    claims = [
-        {"the thesis": each["sentence"], "effect": _numbers(each["effect"], each["lower"], each["upper"], "+.2f")}
-        | {"our runs": each["decision"]}
-        for each in claim_table(results).to_dicts()
-    ]
-    return tables | {"claims": pl.DataFrame(claims)}
+        yield {"task": setting_words(setting)} | row
+
+
+def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
+    for each in claim_table(results).iter_rows(named=True):
+        effect = _numbers(each["effect"], each["lower"], each["upper"], "+.2f")
+        yield {"the thesis": each["sentence"], "effect": effect, "our runs": each["decision"]}
 
 
 def _cell(found: Difference | None) -> str:
@@ -159,7 +152,7 @@ def _first_rows(results: Results) -> Iterator[dict[str, str]]:
     noisy = pl.read_csv(DISTURBED / "left.csv").filter(condition=NOISE)
     for each in FIRST:
         speed = task_mean(results, each, "training score vs published", REGISTERED_TASKS)
-        row = {"method": method_words(each.method), "score": _cell(task_mean(results, each)), "speed": _cell(speed)}
+        row = {"method": METHODS[each.method], "score": _cell(task_mean(results, each)), "speed": _cell(speed)}
         for task, _, preset in (name.partition("@") for name in REGISTERED_TASKS):
             mine = noisy.filter(task=task, preset=preset or ZOO, method=DISTURBED_METHODS[each.method])
             numbers = mine.select("working share", "working low", "working high").row(0)
@@ -171,7 +164,7 @@ def _fresh_rows() -> Iterator[dict[str, str]]:
     """Yield working share under action noise and speed in training of the methods of the registered claims."""
     runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet")).filter(condition=NOISE)
     for method in dict.fromkeys(side for claim in REGISTERED for side in (claim.right, claim.left)):
-        row = {"method": method_words(method)}
+        row = {"method": METHODS[method]}
         for task in (name.partition("@")[0] for name in REGISTERED_TASKS):
             for name, measure in {"noise": "working share", "speed": "gain in training"}.items():
                 values = runs.filter(task=task, method=method)[measure]
@@ -185,7 +178,7 @@ def _registered_rows() -> Iterator[dict[str, str]]:
     """Yield the registered claims, each over the tasks that have runs of both sides."""
     claims = pl.read_csv(DISTURBED / "claims.csv")
     for number, claim in enumerate(REGISTERED, 1):
-        left, right = (method_words(side).replace(" time-to-go", "") for side in (claim.left, claim.right))
+        left, right = (METHODS[side].replace(" time-to-go", "") for side in (claim.left, claim.right))
         words = f"{number}. {left} against {right}, {claim.condition}"
         row = dict.fromkeys(("tasks", "left minus right", "speeds", "power"), "") | {"decision": "runs are missing"}
         for each in claims.filter(claim=number).tail(1).to_dicts():
@@ -200,24 +193,12 @@ def _numbers(estimate: float, lower: float, upper: float, form: str = ".2f") -> 
     return f"{estimate:{form}} [{lower:{form}}, {upper:{form}}]"
 
 
-def method_words(name: str) -> str:
-    """Return a method in words: "ppo-gamma-0.99" -> "PPO, discount 0.99"."""
-    if name.startswith("ppo-gamma-"):
-        return f"PPO, discount {name.removeprefix('ppo-gamma-')}"
-    return METHODS.get(name, name)
-
-
-def rule_words(name: str) -> str:
-    """Return a rule for the clock in words."""
-    kind, colon, steps = name.partition(":")
-    return wording.clock(kind, steps) if colon else RULE_WORDS[name]
-
-
 def condition_words(each: Condition) -> str:
     """Return a method and its clock in words."""
-    return (
-        method_words(each.method) if each.clock == "none" else f"{method_words(each.method)}, {rule_words(each.clock)}"
-    )
+    if each.clock == "none":
+        return METHODS[each.method]
+    kind, _, steps = each.clock.partition(":")
+    return f"{METHODS[each.method]}, {RULE_WORDS.get(kind) or wording.clock(kind, steps)}"
 
 
 def setting_words(name: str) -> str:

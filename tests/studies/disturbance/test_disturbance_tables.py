@@ -8,9 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from perdure.runs import Store
 from studies.disturbance.cure import cure_table
 from studies.disturbance.grid import CONDITIONS, subjects
-from studies.disturbance.study import plan
+from studies.disturbance.study import ROWS, collect, plan
 from studies.disturbance.tables import all_tables, auc
 
 STEPS = 10_000
@@ -84,6 +85,21 @@ def test_every_subject_is_planned_once_under_every_condition():
     everywhere = sum(not condition.world for condition in CONDITIONS)
     walkers = sum(subject.task == "Walker2d-v3" for subject in subjects())
     assert len(keys) == len(set(keys)) == everywhere * len(list(subjects())) + walkers
+
+
+def test_rows_of_a_finished_unit_replace_those_of_its_cell(tmp_path) -> None:
+    unit = plan("thesis", (1,), tmp_path)[0]
+    condition, task, method = unit.key.split("/")
+    cell = {"task": task, "method": method, "condition": condition}
+    rows = pl.DataFrame([{"train_seed": 0, "eval_seed": start, "return": 2.0} for start in (1, 0)])
+    with Store(tmp_path / "runs").workspace(unit.key, unit.config) as work:
+        rows.write_parquet(work.folder / ROWS)
+    frozen = tmp_path / "episodes.parquet"
+    old = cell | {"train_seed": 0, "eval_seed": 0, "return": 1.0}
+    pl.DataFrame([old, old | {"condition": "z"}]).write_parquet(frozen)
+    collect(Store(tmp_path / "runs"), 1, frozen)
+    kept = pl.read_parquet(frozen).select("condition", "eval_seed", "return").rows()
+    assert kept == [(condition, 0, 2.0), (condition, 1, 2.0), ("z", 0, 1.0)]
 
 
 def test_cure_compares_steps_between_failures_with_those_of_ppo() -> None:

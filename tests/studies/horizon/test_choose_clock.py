@@ -3,17 +3,18 @@
 import numpy as np
 import polars as pl
 import pytest
+from known_results import make_results
 
-from perdure.errors import PerdureError
-from studies.horizon.results import cross_validated, optimistic, values_under
+from studies.horizon.claims import Condition
+from studies.horizon.results import best_clock, cross_validated, values_under
 
 
-def runs(returns, kind="constant"):
+def runs(returns):
     """A table of runs: {C: [return of seed 0, 1, ...]}."""
     rows = [
         {
-            "clock": f"{kind}:{c}",
-            "clock_kind": kind,
+            "clock": f"constant:{c}",
+            "clock_kind": "constant",
             "clock_steps": float(c),
             "train_seed": seed,
             "return": float(value),
@@ -24,6 +25,7 @@ def runs(returns, kind="constant"):
     return pl.DataFrame(rows)
 
 
+RULES = ("chosen", "chosen periodic")
 BY_HAND = {100: [9, 0, 0], 200: [2, 2, 2], 300: [0, 3, 3]}
 
 
@@ -33,13 +35,13 @@ def test_each_run_is_left_out_of_its_own_choice():
 
 
 def test_the_optimistic_choice_is_the_highest_mean():
-    assert optimistic(runs(BY_HAND)) == "constant:100"
+    assert best_clock(runs(BY_HAND)) == "constant:100"
 
 
 def choices(validation, test):
     """The returns of the cross-validated and of the optimistic choice on test start states."""
     return values_under(test, cross_validated(validation)), values_under(
-        test, dict.fromkeys(test["train_seed"], optimistic(test))
+        test, dict.fromkeys(test["train_seed"], best_clock(test))
     )
 
 
@@ -59,14 +61,15 @@ def test_a_single_run_chooses_for_itself():
 
 
 def test_other_kinds_of_clocks_take_no_part():
-    table = pl.concat([runs(BY_HAND), runs({500: [99, 99, 99]}, "periodic")])
-    assert set(cross_validated(table).values()) == {"constant:100", "constant:300"}
-    assert set(cross_validated(table, "periodic").values()) == {"periodic:500"}
+    sweep = {("geometric", f"constant:{c}"): dict(enumerate(each)) for c, each in BY_HAND.items()}
+    results = make_results({**sweep, ("geometric", "periodic:500"): dict.fromkeys(range(3), 99.0)})
+    chosen = {kind: set(results.clocks("Hopper-v3", Condition("geometric", kind)).values()) for kind in RULES}
+    assert chosen == {"chosen": {"constant:100", "constant:300"}, "chosen periodic": {"periodic:500"}}
 
 
-def test_no_clock_to_choose_among_is_an_error():
-    with pytest.raises(PerdureError, match="no periodic clock"):
-        cross_validated(runs(BY_HAND), "periodic")
+def test_no_clock_to_choose_among_is_no_choice():
+    results = make_results({("geometric", "countdown"): {0: 1.0, 1: 2.0}})
+    assert [results.clocks("Hopper-v3", Condition("geometric", kind)) for kind in (*RULES, "best")] == [{}] * 3
 
 
 def bias(noise, repeats=200, clocks=11, seeds=5):

@@ -64,7 +64,7 @@ def test_clocks_are_named_as_on_a_command_line():
 
 
 def test_episodes_are_averaged_within_training_runs():
-    runs = make_results({("geometric", "constant:500"): {0: 1.5, 1: 101.5}}).runs["test"]
+    runs = make_results({("geometric", "constant:500"): {0: 1.5, 1: 101.5}}).runs.filter(split="test")
     assert runs.select("train_seed", "episodes", "return").rows() == [(0, 2, 1.5), (1, 2, 101.5)]
 
 
@@ -72,7 +72,7 @@ def test_start_states_of_other_splits_are_left_out():
     results = make_results({("geometric", "constant:500"): {0: 1.0, 1: 2.0}})
     states = {split: set(part["eval_seed"]) for (split,), part in results.episodes.group_by("split")}
     assert states == {"test": {2000, 2001}, "validation": {1000}}
-    assert len(results.of(results.grid.rows[0], VALIDATION)) == 2
+    assert len(results.of("Hopper-v3", "geometric", VALIDATION)) == 2
 
 
 def test_curves_hold_the_return_so_far():

@@ -10,7 +10,7 @@ from perdure.learn import METHODS
 from perdure.policy import load_policy
 from studies.horizon.grid import DEFAULT_PHASES, GRIDS, PHASES, make_grid
 from studies.horizon.results import LEARNING
-from studies.horizon.study import grid_units, plan, row_config, train_run
+from studies.horizon.study import grid_units, plan, row_config
 
 POLICIES = Path(__file__).parents[3] / "results" / "horizon" / "policies"
 THESIS = make_grid("thesis", DEFAULT_PHASES)
@@ -45,14 +45,7 @@ def test_splits_share_no_start_state(name):
 def test_rows_are_known_methods_and_none_stands_twice(grid):
     keys = [row.key for row in grid.rows]
     assert len(keys) == len(set(keys))
-    assert {row.method for row in grid.rows if row.gamma is None} <= set(METHODS)
-
-
-def test_a_gamma_row_changes_gamma_alone():
-    grid = make_grid("thesis", (4,))
-    row = next(row for row in grid.rows if row.gamma == 0.95)
-    protocol = train_run(grid, row).config.protocol
-    assert (protocol.gamma, protocol.embedding, protocol.end) == (0.95, None, "truncated")
+    assert {row.method for row in grid.rows} <= set(METHODS)
 
 
 def test_phases_without_a_row_are_refused():
