@@ -12,12 +12,12 @@ from perdure.home.tasks.episodes import EpisodeSet, write_episodes
 from perdure.home.tasks.generation import generate_episodes
 from perdure.home.tasks.tasks import TASKS
 
-PUBLISHED = ("val", "eval")
+PUBLISHED = ("val", "eval", "eval-2")
 """The splits that are published; training draws its own."""
 
 
 def publish(folder: Path, seed: int = 0) -> dict[str, Counter[str]]:
-    """Write the `val` and `eval` episodes of every task into a folder.
+    """Write the published episodes of every task into a folder.
 
     Args:
         folder: Where to write them; made when missing.

@@ -22,7 +22,9 @@ Logs = Annotated[
     tyro.conf.Positional,
     tyro.conf.arg(help="Log files, or folders that hold some, of any tasks and release strategies."),
 ]
-Split = Annotated[str, tyro.conf.arg(help="val (new arrangements of known apartments) or eval (new apartments).")]
+Split = Annotated[
+    str, tyro.conf.arg(help="val (known layouts, arranged anew), eval (a new layout) or eval-2 (five more).")
+]
 Index = Annotated[int, tyro.conf.arg(help="Number of the episode in its split.")]
 EvalSeed = Annotated[int, tyro.conf.arg(help="Draws the robot's start pose.")]
 Speed = Annotated[float, tyro.conf.arg(help="Playback speed relative to real time.")]
@@ -37,7 +39,8 @@ Policies = Annotated[
     tuple[str, ...],
     tyro.conf.arg(
         help="SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies (of logs: "
-        "those that they name), else the oracle."
+        "those that they name), else the oracle. FILE@constant:50: a time-to-go input is 50 steps instead of those "
+        "left in the skill."
     ),
 ]
 PlannerName = Annotated[
@@ -62,9 +65,9 @@ def list_names() -> None:
     from perdure.home.tasks.episodes import load_episodes
     from perdure.home.tasks.tasks import TASKS
 
-    tasks = Table("task", "targets", "objects", "val", "eval", "steps", "stages", title="Tasks")
+    tasks = Table("task", "targets", "objects", "val", "eval", "eval-2", "steps", "stages", title="Tasks")
     for task in TASKS.values():
-        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval")]
+        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval", "eval-2")]
         objects = len(task.targets) + sum(number for number, _ in task.clutter)
         stages = " ".join(stage.name for stage in task.stages)
         tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
@@ -224,6 +227,7 @@ def train(
     task: str = "set_table",
     delta: int = 1,
     limited_to: int | None = None,
+    method: str = "ppo",
     seeds: tuple[int, ...] = (0,),
     steps: int | None = None,
     test_episodes: int = 200,
@@ -238,6 +242,7 @@ def train(
         task: The task whose objects and receptacles it is trained on.
         delta: For place: number of steps the object must stay.
         limited_to: For place: step limit; 200 by default, 200 + delta with --delta.
+        method: ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`.
         seeds: Training seeds, such as 0 1 2, trained side by side.
         steps: Environment steps; the recipe's by default.
         test_episodes: Episodes on val starts after training.
@@ -252,10 +257,12 @@ def train(
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
     given = {"delta": (delta, 1), "limited_to": (limited_to, None)}
     options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
-    skill_config(skill, task, **options)  # what is wrong is said before the minutes of recording
+    skill_config(skill, task, method=method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as observe:
-        paths = train_skill(skill, task, seeds, out, steps, cores=cores, on=on, observe=observe, **options)
+        paths = train_skill(
+            skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=observe, **options
+        )
     for path in paths:
         score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
         print(f"{path}\n  {score.summary()}")

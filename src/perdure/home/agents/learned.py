@@ -17,6 +17,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import ResetArm, Skill, SkillProgress
 from perdure.home.skills.registry import PREFIX, env_id
+from perdure.horizon import Clock, Countdown
 from perdure.policy import Policy
 
 
@@ -87,9 +88,12 @@ class Learned(SkillAgent):
     A lane's action does not depend on how many lanes act with it (see `Policy.act`).
     """
 
-    def __init__(self, policy: Policy) -> None:
-        """Keep the policy; `begin` checks that it fits the skill."""
-        self.policy = policy
+    def __init__(self, policy: Policy, clock: Clock | None = None) -> None:
+        """Keep the policy; `begin` checks that it fits the skill.
+
+        `clock` sets a time-to-go input; when None it counts down from the skill's step limit.
+        """
+        self.policy, self.clock = policy, clock
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """Raise PerdureError for a policy whose observations or actions are not those of the skill."""
@@ -108,7 +112,8 @@ class Learned(SkillAgent):
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """See `SkillAgent.act`."""
-        actions = self.policy.act(skill.observe(state, progress), progress.elapsed)
+        clock = self.clock or (Countdown(skill.limit) if self.policy.has_clock else None)
+        actions = self.policy.act(skill.observe(state, progress), progress.elapsed, clock)
         return skill.expand_action(np.asarray(actions, dtype=np.float64))
 
 

@@ -77,6 +77,13 @@ class Placed:
         return self.run is not None and self.run.forced_release and self.release.step == self.run.end - 1
 
     @property
+    def place_step(self) -> int:
+        """Steps of its last place skill before the hand opened: the limit when forced; -1 before its first."""
+        mine = (run for run in self.log.runs if (run.skill, run.target) == ("place", self.target))
+        steps = [self.release.step + 1 - run.begin for run in mine]
+        return min((step for step in steps if step >= 0), default=-1)
+
+    @property
     def stays(self) -> bool:
         """Whether it is goal-stabilizing."""
         return stabilizing(self.log)[self.target]
@@ -117,6 +124,7 @@ PLACEMENTS: Columns = {
     "kind": (str, "kind of the object", lambda at: at.log.targets[at.target].kind),
     "cylinder": (bool, "whether it is a can", lambda at: at.log.targets[at.target].cylinder),
     "skill": (str, "skill in which it was released", lambda at: at.run.skill if at.run else ""),
+    "place_step": (int, "steps of its place skill before the hand opened; -1: none", lambda at: at.place_step),
     "forced": (bool, "whether the hand was opened by force", lambda at: at.forced),
     "release_height": (float, "height at the release above rest [m]", lambda at: release_offset(at.log, at.release)[1]),
     "release_offset": (

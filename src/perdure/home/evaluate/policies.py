@@ -16,6 +16,7 @@ from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.planners import PlannerName, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
+from perdure.horizon import Clock, parse_clock
 from perdure.policy import Policy, files, load_policy
 from perdure.runs import file_digest
 
@@ -76,7 +77,7 @@ class SkillPolicy:
     """What acts in one skill."""
 
     source: str
-    """Path of the policy's file, or "oracle"."""
+    """Path of the policy's file, or "oracle"; `@constant:50` and the like at its end name the clock."""
     sha256: str = ""
     """Of the file; empty for the oracle."""
 
@@ -88,7 +89,13 @@ class SkillPolicy:
     @property
     def policy(self) -> Policy | None:
         """The policy, loaded once in a process; None for the oracle. PerdureError if its file has changed."""
-        return _load(self.source, self.sha256) if self.learned else None
+        return _load(_CLOCK.sub("", self.source), self.sha256) if self.learned else None
+
+    @property
+    def clock(self) -> Clock | None:
+        """The clock of its time-to-go input; None where none is named."""
+        found = _CLOCK.search(self.source)
+        return None if found is None else parse_clock(found[1])
 
     @property
     def name(self) -> str:
@@ -102,6 +109,7 @@ class SkillPolicy:
 
 
 _SHIPPED_AS = "shipped "
+_CLOCK = re.compile(r"@(\w+:[^/]*)$")
 
 
 @lru_cache(maxsize=64)
@@ -132,15 +140,16 @@ def choose_policies(
         train_seed: Number of the training seed, from 0: number k takes each skill's shipped policy with the
             k-th lowest seed, which differs from k where a seed fell below 90 % and is not shipped. `{seed}` in a path
             stands for it. UNTRAINED where no skill is learned.
-        chosen: Skill to path or "oracle"; skills that are not named get the shipped policy, or the oracle without one.
+        chosen: Skill to `SkillPolicy.source`; skills that are not named get the shipped policy, or the oracle without
+            one.
         release: The release choice, which decides the place policy; the benchmark's when None.
         planner: The planner.
 
     Raises:
         PerdureError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is
-            missing, there is no policy of this training seed though there is one of another, or none was trained for
-            what `release` asks: the oracle does not stand in for one that should be there, for it would pass for a
-            result of that training.
+            missing or gets a clock that it cannot take, there is no policy of this training seed though there is one of
+            another, or none was trained for what `release` asks: the oracle does not stand in for one that should be
+            there, for it would pass for a result of that training.
     """
     chosen, release = dict(chosen or {}), release or read_release("rl")
     unknown = chosen.keys() - SKILLS.keys()
@@ -154,6 +163,7 @@ def choose_policies(
     result: dict[SkillName, SkillPolicy] = {}
     for skill in learned:
         named = chosen.get(skill)
+        clock = "" if named is None else named.removeprefix(_CLOCK.sub("", named))
         path: Path | None
         if named is None:
             policy = release.policy if skill == "place" else skill
@@ -166,12 +176,14 @@ def choose_policies(
                     f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
                 )
         else:
-            path = None if named == ORACLE else Path(named.replace("{seed}", str(train_seed)))
+            path = None if named == ORACLE else Path(_CLOCK.sub("", named).replace("{seed}", str(train_seed)))
         if path is not None and not path.exists():
             raise PerdureError(f"there is no policy {path} for {skill}")
-        result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(str(path), file_digest(path))
-        if path is not None and not path.is_relative_to(SHIPPED):
-            _ = result[skill].policy  # a file that is no policy is refused before anything runs
+        result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(f"{path}{clock}", file_digest(path))
+        if path is not None and (clock or not path.is_relative_to(SHIPPED)):
+            acting = result[skill].policy  # a file that is no policy is refused before anything runs
+            if result[skill].clock and not (acting and acting.has_clock):
+                raise PerdureError(f"{skill}={named}: the policy has no time-to-go input, so it takes no clock")
     return result
 
 
@@ -180,6 +192,6 @@ def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dic
     oracle = Oracle()
     agents: dict[str, SkillAgent] = {"reset_arm": Scripted()}
     for skill, chosen in policies.items():
-        agent: SkillAgent = oracle if (policy := chosen.policy) is None else Learned(policy)
+        agent: SkillAgent = oracle if (policy := chosen.policy) is None else Learned(policy, chosen.clock)
         agents[skill] = make_strategy(strategy, Oracle() if agent is oracle else agent) if skill == "place" else agent
     return agents

@@ -229,7 +229,10 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
 
 
 def _digests(policies: Policies) -> dict[SkillName, str]:
-    return {skill: each.sha256 or each.source for skill, each in policies.items()}
+    return {
+        skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or each.source
+        for skill, each in policies.items()
+    }
 
 
 def run_protocol(

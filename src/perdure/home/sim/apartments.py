@@ -1,4 +1,4 @@
-"""The 105 apartments: five layouts, their random micro variations, the checks these must pass, and the MuJoCo model.
+"""The 125 apartments: ten layouts, their random micro variations, the checks these must pass, and the MuJoCo model.
 
 A micro variation is drawn by a generator seeded by (seed, macro, micro). It draws which of the possible places each
 piece gets, and how far the piece is shifted along its own x and y and turned. A draw that fails a check of
@@ -74,25 +74,25 @@ _DATA = Path(__file__).parents[1] / "data"
 LAYOUTS: tuple[Layout, ...] = read_json((_DATA / "layouts.json").read_bytes(), tuple[Layout, ...])
 NAMES = {"chair_01": ("chair_01_0", "chair_01_1"), "plant": ("plant_0", "plant_1")}
 """Names of the kinds of which an apartment has several pieces."""
-MICROS = 21
-"""Number of micro variations of each macro layout, as in ReplicaCAD."""
 _TRIES = 500
 SPLITS: dict[str, tuple[tuple[int, int], ...]] = {
     "train": tuple((macro, micro) for macro in range(4) for micro in range(16)),
     "val": tuple((macro, micro) for macro in range(4) for micro in range(16, 21)),
     "eval": tuple((4, micro) for micro in range(20)),
+    "eval-2": tuple((macro, micro) for macro in range(5, 10) for micro in range(4)),
 }
 """(macro, micro) of each split, as in M3 (`scripts/generate_episodes.sh`).
 
-64 for training, 20 new configurations of the same layouts (val), 20 of a new layout (eval; M3 uses the first 20 of 21).
+64 for training, 20 new configurations of the same layouts (val), 20 of a new layout (eval; M3 uses the first 20 of 21),
+and 20 of five more layouts (eval-2; our choice).
 """
 
 
 @lru_cache(maxsize=128)
 def make_apartment(macro: int, micro: int, seed: int = 0) -> Apartment:
-    """Return macro layout 0 to 4 in micro variation 0 to 20, the same on every machine.
+    """Return macro layout 0 to 9 in a micro variation (0 to 20, from layout 5 on 0 to 3), the same on every machine.
 
-    Other seeds give other sets of 105 apartments; the published ones are those of seed 0.
+    Other seeds give other sets of 125 apartments; the published ones are those of seed 0.
     """
     drawn = draw_apartments(macro, micro, seed)
     if seed == 0:
@@ -105,7 +105,8 @@ def make_apartment(macro: int, micro: int, seed: int = 0) -> Apartment:
 
 def draw_apartments(macro: int, micro: int, seed: int) -> Iterator[Apartment]:
     """Return all draws of a micro variation, good or not, without an end; PerdureError where there is no such one."""
-    for name, number, count in (("macro layout", macro, len(LAYOUTS)), ("micro variation", micro, MICROS)):
+    micros = len(LAYOUTS[macro % len(LAYOUTS)].rejected_draws)
+    for name, number, count in (("macro layout", macro, len(LAYOUTS)), ("micro variation", micro, micros)):
         if not 0 <= number < count:
             raise PerdureError(f"{name} must be one of 0 to {count - 1}, not {number}")
     layout, rng = LAYOUTS[macro], np.random.Generator(np.random.PCG64([seed, macro, micro]))
@@ -130,7 +131,7 @@ def _draw_pose(place: Place, rng: np.random.Generator) -> Pose:
 
 
 def split_apartments(split: str) -> tuple[tuple[int, int], ...]:
-    """Return the (macro, micro) pairs of `train`, `val` (cross-configuration) or `eval` (cross-layout)."""
+    """Return the (macro, micro) pairs of `train`, `val` (cross-configuration), `eval` or `eval-2` (cross-layout)."""
     return lookup(SPLITS, split, "split")
 
 

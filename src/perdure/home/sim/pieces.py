@@ -139,7 +139,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Apartment:
-    """One of the 5 x 21 apartments: its room, its walls and its furniture."""
+    """One of the apartments: its room, its walls and its furniture."""
 
     macro: int
     micro: int

@@ -53,7 +53,7 @@ class SkillEnvOptions:
     skill: str = "place"
     task: str = "tidy_house"
     split: str = "train"
-    """`train`: generated episodes, see `episodes`; `val` and `eval`: the published episodes."""
+    """`train`: generated episodes, see `episodes`; `val`, `eval` and `eval-2`: the published episodes."""
     targets: tuple[int, ...] | int | None = None
     """The targets to draw from, uniformly; all that need the skill when None."""
     delta: int = 1

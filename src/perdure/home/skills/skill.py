@@ -101,7 +101,6 @@ class Recipe:
     log_std_end: float | None = None
     """Set where the mean action alone would never open or close the hand, because training relied on noise to do it."""
     log_std_fall: tuple[float, float] = (0.0, 0.6)
-    gamma: float = 0.99
     clutter: bool = False
     """Train with the objects that are no targets. They cost time, and only pick must tell them from its target."""
 

@@ -15,7 +15,7 @@ from perdure.home.sim.arrays import BoolArray, IntArray
 from perdure.home.skills.environment import HomeSkillVectorEnv, checked_options
 from perdure.home.skills.registry import SKILLS, env_id
 from perdure.home.skills.skill import Recipe
-from perdure.horizon import Fixed
+from perdure.horizon import Countdown
 from perdure.learn import PPOConfig, method_config
 from perdure.learn.run import TrainRun, train
 from perdure.policy import Policy
@@ -33,6 +33,7 @@ def train_skill(
     out: str | Path,
     total_steps: int | None = None,
     *,
+    method: str = "ppo",
     cores: int | None = None,
     on: str = "here",
     observe: Observer = lambda status: None,
@@ -46,6 +47,7 @@ def train_skill(
         seeds: Training seeds.
         out: The folder of the runs.
         total_steps: Environment steps in place of the recipe's.
+        method: A key of `perdure.learn.METHODS`; the runs of another method than ppo lie in SKILL-METHOD.
         cores: Number of cores; all by default.
         on: Where to train, see `perdure.learn.train`.
         observe: Called with the progress of every seed.
@@ -54,11 +56,12 @@ def train_skill(
     Returns:
         The policy files, one for each seed.
     """
-    config = skill_config(skill, task, **options)
+    config = skill_config(skill, task, method=method, **options)
     config = config if total_steps is None else replace(config, total_steps=total_steps)
-    command = train_command(skill, task, total_steps, options)
+    command = train_command(skill, task, total_steps, options, method)
+    name = skill if method == "ppo" else f"{skill}-{method}"
     env_options = {**skill_recipe(skill, task).env_options, **options}
-    run = TrainRun(skill_task(skill, task, **env_options), skill, config, seeds, command)
+    run = TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command)
     return train(run, out, cores=cores, on=on, observe=observe)
 
 
@@ -69,20 +72,18 @@ def skill_recipe(skill: str, task: str) -> Recipe:
     return SKILLS[skill].task_recipes.get(task, recipe)
 
 
-def skill_config(skill: str, task: str, **options: object) -> PPOConfig:
+def skill_config(skill: str, task: str, *, method: str = "ppo", **options: object) -> PPOConfig:
     """Return PPO's settings for a skill on a task, with options of the environment.
 
-    A skill's time-out is no part of the task, because the plan continues. So the last observation is bootstrapped.
+    The method's horizons scale with the skill's step limit. `ppo` bootstraps the last observation, because the plan
+    continues after a time-out. For a policy that observes the time-to-go the horizon is the end.
     """
     recipe = skill_recipe(skill, task)
     made = checked_options({"skill": skill, "task": task, **options}).make_skill()
-    config = method_config("ppo", task, len(made.elements))
-    protocol = replace(
-        config.protocol, horizon=Fixed(made.limit), gamma=recipe.gamma, normalizer_gamma=recipe.gamma, end="truncated"
-    )
+    config = method_config(method, task, len(made.elements), limit=made.limit)
     settings: dict[str, Any] = {"hidden_sizes": HIDDEN, "learning_rate_decay": "linear", "segment_steps": 100_000}
     settings |= {each.name: getattr(recipe, each.name) for each in fields(PPOConfig) if hasattr(recipe, each.name)}
-    return replace(config, protocol=protocol, **settings)
+    return replace(config, **settings)
 
 
 def skill_task(skill: str, task: str, **options: object) -> str:
@@ -91,15 +92,18 @@ def skill_task(skill: str, task: str, **options: object) -> str:
     return ",".join(part.replace(" ", "") for part in parts)
 
 
-def train_command(skill: str, task: str, total_steps: int | None, options: Mapping[str, object]) -> str:
+def train_command(
+    skill: str, task: str, total_steps: int | None, options: Mapping[str, object], method: str = "ppo"
+) -> str:
     """Return the command that trains `{seed}` again; a Python call for options without a flag."""
+    how = {} if method == "ppo" else {"method": method}
     if options.keys() <= set(FLAGS):
         steps = {} if total_steps is None else {"steps": total_steps}
-        flags = {"task": task, "seeds": "{seed}", **options, **steps}
+        flags = {"task": task, **how, "seeds": "{seed}", **options, **steps}
         return f"perdure home train {skill} " + " ".join(
             f"--{name.replace('_', '-')} {value}" for name, value in flags.items()
         )
-    given = "".join(f", {name}={value!r}" for name, value in {"total_steps": total_steps, **options}.items())
+    given = "".join(f", {name}={value!r}" for name, value in {"total_steps": total_steps, **how, **options}.items())
     return f"perdure.home.skills.train.train_skill({skill!r}, {task!r}, ({{seed}},), OUT{given})"
 
 
@@ -129,7 +133,7 @@ class SkillScore:
 def evaluate_skill(
     policy: Policy, skill: str, count: int = 200, seed: int = 1000, lanes: int = 20, **options: Any
 ) -> SkillScore:
-    """Run a policy with its mean actions and count successes.
+    """Run a policy with its mean actions and count successes; a time-to-go counts down from the skill's limit.
 
     Each lane runs the same number of episodes, so that short ones do not count more often than long ones.
 
@@ -144,14 +148,14 @@ def evaluate_skill(
     options = {"split": "val", "clutter": True, **options}
     env = HomeSkillVectorEnv(lanes, skill=skill, **options)
     limit = env.skill.limit
-    rounds = -(-count // lanes)
+    rounds, clock = -(-count // lanes), Countdown(limit) if policy.has_clock else None
     success, steps, failures = [], [], Counter[str]()
     left = np.full(lanes, rounds)
     observations, _ = env.reset(seed=seed)
     elapsed = np.zeros(lanes, dtype=np.int64)
     try:
         while left.any():
-            actions = np.asarray(policy.act(observations, elapsed), dtype=np.float64)
+            actions = np.asarray(policy.act(observations, elapsed, clock), dtype=np.float64)
             observations, _, terminated, truncated, info = env.step(actions)
             elapsed = info["elapsed"].copy()
             over = terminated | truncated | (elapsed >= limit)

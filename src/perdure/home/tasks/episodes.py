@@ -182,7 +182,7 @@ DATA = Path(__file__).parents[1] / "data" / "episodes"
 
 @cache
 def load_episodes(task: str, split: str) -> EpisodeSet:
-    """Return the published episodes of a task (`tidy_house`, ...) and a split (`val`, `eval`), read once in a process.
+    """Return the published episodes of a task (`tidy_house`, ...) and a split (`val`, ...), read once in a process.
 
     Raises:
         PerdureError: If there is no such task, or no episodes of that split are published.

@@ -28,7 +28,7 @@ from perdure.home.sim.pieces import Apartment, Receptacle
 from perdure.home.tasks.episodes import Episode, EpisodeSet
 from perdure.home.tasks.tasks import TASKS, HomeTask, PlacementRule, get_task
 
-PER_APARTMENT = {"train": 100, "val": 5, "eval": 5}
+PER_APARTMENT = {"train": 100, "val": 5, "eval": 5, "eval-2": 5}
 """Episodes in each apartment of a split, as in M3."""
 _EPISODES = 1000
 APART = 0.5
@@ -45,7 +45,7 @@ def generate_episodes(
     refused: Refusal = lambda reason: None,
     per_apartment: int | None = None,
 ) -> EpisodeSet:
-    """Return all episodes of a task and split (`train`, `val` or `eval`); another seed gives other episodes.
+    """Return all episodes of a task and split (a key of `PER_APARTMENT`); another seed gives other episodes.
 
     `refused` is called with the reason whenever a draw is rejected. `per_apartment`: M3's number when None.
     """

@@ -214,6 +214,9 @@ def test_placements_say_how_the_object_was_let_go():
     assert (row["displacement"], row["fall"]) == pytest.approx((0.3, 0.05), abs=1e-3)
     places = ("release", "skill_end", "end", "settled")
     assert [row[f"in_goal_{each}"] for each in places] == [True, True, False, False]
+    assert row["place_step"] == 4, "steps of the story's place before the hand opens"
+    late = [replace(run, begin=run.begin + 4) if run.skill == "place" else run for run in story.log().runs]
+    assert set(analyze([replace(story.log(), runs=tuple(late))]).placements["place_step"]) == {0}, "in its first step"
     assert (row["skill"], row["forced"], row["stabilizing"], row["cause"]) == ("place", False, False, "rolled")
     assert table["cause"].to_list()[1:] == ["stayed"] * 2
 

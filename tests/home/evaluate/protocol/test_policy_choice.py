@@ -1,5 +1,7 @@
 """Which policy acts in which skill: shipped ones, files, or the oracle."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from perdure.errors import PerdureError
@@ -8,8 +10,9 @@ from perdure.home.agents.release import Ik
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate import policies
 from perdure.home.evaluate.policies import SHIPPED, SkillPolicy, choose_policies, make_agents, read_release
-from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+from perdure.home.evaluate.protocol import EvaluationProtocol, protocol_units, run_protocol
 from perdure.home.tasks.planning import make_plan
+from perdure.horizon import Constant
 
 ORACLES = dict.fromkeys({step.skill for step in make_plan("set_table")} - {"reset_arm"}, "oracle")
 
@@ -59,6 +62,43 @@ def test_a_shipped_policy_is_named_by_its_place_and_its_content():
     assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
     assert SkillPolicy("mine.safetensors", "0123456789").name == "mine.safetensors (SHA-256 01234567)"
     assert SkillPolicy("oracle").name == "oracle"
+
+
+@pytest.fixture
+def timed(tmp_path, monkeypatch):
+    """Returns the policies of a place policy with this clock; the file has a time-to-go input or not."""
+    (tmp_path / "seed-0.safetensors").write_text("")
+    policies._load.cache_clear()
+
+    def protocol(clock, has_clock=True):
+        monkeypatch.setattr(policies, "load_policy", lambda source: SimpleNamespace(has_clock=has_clock))
+        place = f"{tmp_path}/seed-{{seed}}.safetensors{clock}"
+        return EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": place})
+
+    yield protocol
+    policies._load.cache_clear()
+
+
+def test_a_clock_follows_the_file(timed):
+    chosen = timed("@constant:50").policies_of(0)
+    assert chosen["place"].clock == make_agents(chosen, "rl")["place"].clock == Constant(50.0)
+    assert choose_policies("set_table", 0, {**ORACLES, "place": chosen["place"].source}) == chosen  # as in a replay
+    assert timed("").policies_of(0)["place"].clock is None
+    units = [next(protocol_units(timed(clock), "")) for clock in ("", "@constant:50", "@constant:60", "@periodic:50")]
+    assert len({unit.config["policies"]["place"] for unit in units}) == 4
+
+
+@pytest.mark.parametrize(
+    ("clock", "has_clock", "why"),
+    [
+        ("@constant:50", False, "no time-to-go input"),
+        ("@hourglass:5", True, "hourglass"),
+        ("@constant", True, "no policy"),
+    ],
+)
+def test_a_clock_that_cannot_be_is_refused_before_anything_runs(timed, clock, has_clock, why):
+    with pytest.raises(PerdureError, match=why):
+        timed(clock, has_clock).policies_of(0)
 
 
 def test_a_policy_is_loaded_once_and_not_before_it_acts(monkeypatch):

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from perdure.home.sim.apartments import LAYOUTS, MICROS, make_apartment
+from perdure.home.sim.apartments import LAYOUTS, make_apartment
 from perdure.home.sim.occupancy import free_space
 from perdure.home.tasks.tasks import PREPARE_GROCERIES
 
@@ -16,8 +16,10 @@ STATES = {
 
 @pytest.fixture(scope="session")
 def apartments():
-    """All 105 published apartments."""
-    return [make_apartment(macro, micro) for macro in range(len(LAYOUTS)) for micro in range(MICROS)]
+    """All 125 published apartments: 21 of each of five layouts, then 4 of each of five more."""
+    return [
+        make_apartment(macro, micro) for macro, each in enumerate(LAYOUTS) for micro in range(len(each.rejected_draws))
+    ]
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""All 105 apartments, looked at with means of their own: MuJoCo's collisions, M3's regions, counting."""
+"""All 125 apartments, looked at with means of their own: MuJoCo's collisions, M3's regions, counting."""
 
 import math
 from collections import Counter
@@ -171,45 +171,47 @@ def test_a_bowl_in_a_drawer_is_clear_of_the_counter_once_the_drawer_counts_as_op
 def test_same_numbers_give_the_same_apartment_and_others_do_not(apartments):
     make_apartment.cache_clear()
     assert make_apartment(2, 7) == apartments[2 * 21 + 7]
-    assert len({apartment.fingerprint for apartment in apartments}) == 105
+    assert len({apartment.fingerprint for apartment in apartments}) == 125
     assert make_apartment(2, 7, seed=1).fingerprint != make_apartment(2, 7).fingerprint
 
 
 def test_micro_variations_move_furniture_but_leave_the_kitchen_and_the_room(apartments):
-    for macro in range(5):
-        group = apartments[21 * macro : 21 * macro + 21]
+    for macro in range(10):
+        group = [apartment for apartment in apartments if apartment.macro == macro]
         assert len({apartment.room for apartment in group}) == 1
         assert len({apartment.piece("kitchen_counter").pose for apartment in group}) == 1
         places = {
             name: {apartment.piece(name).pose for apartment in group} for name in ("table_01", "table_02", "sofa")
         }
-        assert all(len(poses) == 21 for poses in places.values())
+        assert all(len(poses) == len(group) for poses in places.values())
 
 
 def test_macro_layouts_differ_in_room_and_kitchen(apartments):
-    first = apartments[::21]
-    assert len({apartment.room for apartment in first}) == 5
-    assert len({apartment.piece("kitchen_counter").pose for apartment in first}) == 5
+    first = [apartment for apartment in apartments if apartment.micro == 0]
+    assert len({apartment.room for apartment in first}) == 10
+    assert len({apartment.piece("kitchen_counter").pose for apartment in first}) == 10
     for x, y in (np.transpose(apartment.room) for apartment in first):
         assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) > 40.0, "square meters, corners counter-clockwise"
 
 
 def test_splits_are_those_of_m3():
-    train, val, evaluation = (split_apartments(name) for name in ("train", "val", "eval"))
-    assert (len(train), len(val), len(evaluation)) == (64, 20, 20)
+    train, val, evaluation, second = (split_apartments(name) for name in ("train", "val", "eval", "eval-2"))
+    assert (len(train), len(val), len(evaluation), len(second)) == (64, 20, 20, 20)
     assert {macro for macro, _ in train} == {macro for macro, _ in val} == {0, 1, 2, 3}
     assert {micro for _, micro in val} == {16, 17, 18, 19, 20}
     assert set(evaluation) == {(4, micro) for micro in range(20)}
     assert not set(train) & set(val)
-    assert len(SPLITS) == 3
+    assert {macro for macro, _ in second} == {5, 6, 7, 8, 9}, "five layouts of no other split"
+    assert len(SPLITS) == 4
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: make_apartment(5, 0), "0 to 4, not 5"),
+        (lambda: make_apartment(10, 0), "0 to 9, not 10"),
         (lambda: make_apartment(0, 21), "0 to 20, not 21"),
-        (lambda: split_apartments("test"), "train, val, eval"),
+        (lambda: make_apartment(9, 4), "0 to 3, not 4"),
+        (lambda: split_apartments("test"), "train, val, eval, eval-2"),
         (lambda: make_apartment(0, 0).piece("bed"), "no piece .* 'bed'.*sofa"),
         (lambda: make_apartment(0, 0).articulation("door"), "top_door"),
         (lambda: make_apartment(0, 0).receptacles_named("shelf"), "receptacle_aabb_Sofa"),
@@ -221,10 +223,10 @@ def test_wrong_names_and_numbers_are_refused_with_the_right_ones(call, words):
         call()
 
 
-@pytest.mark.parametrize("macro", range(5))
+@pytest.mark.parametrize("macro", range(10))
 def test_a_published_apartment_is_the_first_draw_that_passes_all_checks(macro):
     first = []
-    for micro in range(21):
+    for micro in range(len(LAYOUTS[macro].rejected_draws)):
         draws = enumerate(draw_apartments(macro, micro, seed=0))
         first.append(next(number for number, apartment in draws if invalid_because(apartment) is None))
     assert tuple(first) == LAYOUTS[macro].rejected_draws

@@ -1,5 +1,6 @@
 """Learning a skill from end to end, small, and the score that comes out."""
 
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,18 +11,21 @@ from perdure.errors import PerdureError
 from perdure.home.agents.learned import Learned
 from perdure.home.skills import get_skill, learned_skills, train
 from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
-from perdure.policy import TaskInfo, load_policy
+from perdure.horizon import Constant, Countdown, Geometric
+from perdure.policy import Normalizer, Policy, TaskInfo, load_policy
 
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
-    """A place policy that has learned next to nothing."""
+    """A place policy with a time-to-go input that has learned next to nothing."""
     out = tmp_path_factory.mktemp("runs")
     usual = train.skill_config
     with pytest.MonkeyPatch.context() as patch:
         small = {"n_envs": 4, "n_steps": 32, "batch_size": 128, "n_epochs": 1, "hidden_sizes": (8,)}
         patch.setattr(train, "skill_config", lambda *about, **how: replace(usual(*about, **how), **small))
-        (path,) = train_skill("place", "set_table", (0,), out, cores=1, total_steps=256, split="val", episodes=2)
+        steps = {"total_steps": 256, "method": "geometric"}
+        (path,) = train_skill("place", "set_table", (0,), out, cores=1, **steps, split="val", episodes=2)
+    assert path.parent.parent.name == "place-geometric"
     return load_policy(path)
 
 
@@ -62,6 +66,41 @@ def test_a_recipe_ends_where_the_skill_does_and_bootstraps_there(skill):
     assert config.protocol.embedding is None
 
 
+def test_methods_treat_the_end_of_a_skill_as_the_thesis_does():
+    """Section 3.3: T from 200 to 1000 of 1000 steps is 40 to 200 of 200; gamma 1; the horizon is the end."""
+    protocols = {
+        method: skill_config("place", "set_table", method=method).protocol for method in ("linear", "geometric")
+    }
+    horizons = {
+        method: Counter(each.horizon.from_uniform(np.arange(1000) / 1000)) for method, each in protocols.items()
+    }
+    assert horizons["linear"] == {200: 1000}
+    assert (min(horizons["geometric"]), max(horizons["geometric"]), len(horizons["geometric"])) == (40, 200, 161)
+    assert {method: each.gamma for method, each in protocols.items()} == {"linear": 0.99, "geometric": 1.0}
+    assert {each.end for each in protocols.values()} == {"terminated"}
+    assert protocols["linear"].embedding(50, 200).tolist() == [0.75]
+    assert protocols["geometric"].embedding(50, 200) == pytest.approx(np.linspace(0.99, 1.0, 10) ** 150)
+    with pytest.raises(PerdureError, match="geometrical"):
+        skill_config("place", "set_table", method="geometrical")
+
+
+@pytest.mark.parametrize(("clock", "steps"), [(None, 150.0), (Constant(7.0), 7.0), (Countdown(60.0), 10.0)])
+def test_a_time_to_go_counts_down_from_the_limit_unless_a_clock_is_named(clock, steps):
+    """A policy whose action is its time-to-go input, 0.99 to the power of the steps left, 50 steps after the start."""
+    task, nothing = TaskInfo("any", 3, (-1.0,), (1.0,)), np.zeros(1, np.float32)
+    passing, blind = np.array([[0.0], [0.0], [0.0], [1.0]], np.float32), np.zeros((4, 1), np.float32)
+    weights = {"policy.0.weight": passing, "policy.0.bias": nothing, "value.0.weight": blind, "value.0.bias": nothing}
+    protocol = replace(
+        skill_config("place", "set_table", method="geometric").protocol, embedding=Geometric(1, 0.99, 0.99)
+    )
+    policy = Policy(task, weights, "tanh", Normalizer.identity(3), protocol, Constant(1.0))
+    skill = SimpleNamespace(
+        limit=200, observe=lambda state, progress: np.ones((1, 3)), expand_action=lambda actions: actions
+    )
+    acted = Learned(policy, clock).act(None, np.array([0]), skill, None, SimpleNamespace(elapsed=np.array([50])))
+    assert acted == pytest.approx(0.99**steps, rel=1e-6)
+
+
 def test_delta_lengthens_the_horizon():
     assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
     assert skill_config("place", "set_table", delta=30, limited_to=200).protocol.horizon.longest == 200
@@ -96,10 +135,12 @@ def test_a_task_may_need_another_recipe():
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     assert policy.provenance["command"] == (
-        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=256, split='val', "
-        "episodes=2)"
+        "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=256, method='geometric', "
+        "split='val', episodes=2)"
     )
     command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200})
     assert command.format(seed=3) == (
         "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --steps 2000"
     )
+    command = train.train_command("place", "set_table", None, {}, "linear")
+    assert command.format(seed=3) == "perdure home train place --task set_table --method linear --seeds 3"

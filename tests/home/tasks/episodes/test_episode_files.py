@@ -161,7 +161,7 @@ def test_episodes_that_do_not_fit_their_task_are_refused():
 
 def test_unpublished_and_unknown_episodes_are_refused():
     for split in ("train", "test"):
-        with pytest.raises(PerdureError, match=f"named '{split}'; there are val, eval"):
+        with pytest.raises(PerdureError, match=f"named '{split}'; there are val, eval, eval-2"):
             load_episodes("set_table", split)
     with pytest.raises(PerdureError, match="tidy_house, prepare_groceries, set_table"):
         load_episodes("clean_up", "val")

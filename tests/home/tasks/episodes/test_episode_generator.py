@@ -169,12 +169,12 @@ def test_receptacles_objects_and_headings_are_drawn_evenly(quick):
     }
 
 
-def test_publishing_writes_val_and_eval_of_every_task_and_says_what_was_thrown_away(quick, tmp_path, monkeypatch):
+def test_publishing_writes_the_splits_of_every_task_and_says_what_was_thrown_away(quick, tmp_path, monkeypatch):
     quick("", 0.0)
-    monkeypatch.setattr(generation, "PER_APARTMENT", {"val": 1, "eval": 1})
+    monkeypatch.setattr(generation, "PER_APARTMENT", dict.fromkeys(("val", "eval", "eval-2"), 1))
     refusals = publish(tmp_path / "data")
     files = sorted(path.stem for path in (tmp_path / "data").iterdir())
-    assert files == sorted(f"{task}_{split}" for task in TASKS for split in ("val", "eval"))
+    assert files == sorted(f"{task}_{split}" for task in TASKS for split in ("val", "eval", "eval-2"))
     assert len(read_episodes(tmp_path / "data" / "set_table_eval.json")) == 20
     assert set(refusals) == set(files)
     assert refusals["tidy_house_val"]["a goal is too close to its start"] > 0

@@ -11,7 +11,9 @@ from perdure.home.tasks.episodes import load_episodes, start_pose
 from perdure.home.tasks.tasks import TASKS
 
 
-@pytest.fixture(scope="module", params=[(task, split) for task in TASKS for split in ("val", "eval")], ids="-".join)
+@pytest.fixture(
+    scope="module", params=[(task, split) for task in TASKS for split in ("val", "eval", "eval-2")], ids="-".join
+)
 def episodes(request):
     return load_episodes(*request.param)
 

@@ -225,7 +225,7 @@ def test_any_name_will_do_for_a_task():
 @pytest.mark.parametrize("every", [20, pytest.param(1, marks=pytest.mark.verify)])
 def test_every_published_episode_has_the_plan_of_its_task(every):
     for name, task in TASKS.items():
-        for split in ("val", "eval"):
+        for split in ("val", "eval", "eval-2"):
             assert {make_plan(each) for each in load_episodes(name, split).episodes[::every]} == {make_plan(task)}
 
 
