@@ -227,6 +227,7 @@ def train(
     task: str = "set_table",
     delta: int = 1,
     limited_to: int | None = None,
+    release_cost: float = 0.0,
     method: str = "ppo",
     seeds: tuple[int, ...] = (0,),
     steps: int | None = None,
@@ -242,6 +243,7 @@ def train(
         task: The task whose objects and receptacles it is trained on.
         delta: For place: number of steps the object must stay.
         limited_to: For place: step limit; 200 by default, 200 + delta with --delta.
+        release_cost: For place: what a release in motion costs, as reward per m/s of the hand.
         method: ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`.
         seeds: Training seeds, such as 0 1 2, trained side by side.
         steps: Environment steps; the recipe's by default.
@@ -255,7 +257,7 @@ def train(
 
     if test_episodes < 1:
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
-    given = {"delta": (delta, 1), "limited_to": (limited_to, None)}
+    given = {"delta": (delta, 1), "limited_to": (limited_to, None), "release_cost": (release_cost, 0.0)}
     options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
     skill_config(skill, task, method=method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)

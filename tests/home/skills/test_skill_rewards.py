@@ -40,6 +40,13 @@ def test_the_first_release_in_the_goal_earns_1_and_later_steps_nothing_more():
     assert step_reward(Place(), HELD, inside, inside)[1]["release"] == 0.0
 
 
+def test_a_release_in_motion_costs_what_was_asked():
+    moving = change(HELD, object=[1.0, 0.1, 0.8], gripper_velocity=[0.0, 0.16, 0.12])
+    inside = change(moving, held=-1, gripper_velocity=[0.0, 0.0, 0.0])
+    assert step_reward(Place(release_cost=3.0), moving, inside)[1]["release"] == close(1.0 - 0.6)
+    assert step_reward(Place(release_cost=3.0), moving, inside, inside)[1]["release"] == 0.0
+
+
 def test_a_release_outside_the_goal_costs_1_and_ends_place():
     outside = change(HELD, held=-1, object=[1.0, 0.151, 0.8])
     total, terms = step_reward(Place(), HELD, outside)

@@ -35,6 +35,7 @@ KINDS: Mapping[str, Kind] = {
     "targets": Maybe(Items(Whole(0, 100))),
     "delta": COUNT,
     "limited_to": Maybe(COUNT),
+    "release_cost": Real(0.0, 1000.0),
     "training": Flag(),
     "clutter": Flag(),
     "physics_hz": Whole(SERVO_HZ, 100_000),
@@ -42,7 +43,7 @@ KINDS: Mapping[str, Kind] = {
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
-SKILL_OPTIONS = ("delta", "limited_to")
+SKILL_OPTIONS = ("delta", "limited_to", "release_cost")
 """Options that are fields of a skill."""
 
 
@@ -59,6 +60,8 @@ class SkillEnvOptions:
     delta: int = 1
     """See `Place`."""
     limited_to: int | None = None
+    """See `Place`."""
+    release_cost: float = 0.0
     """See `Place`."""
     training: bool = False
     """Whether each episode draws one of `LEVERS`, and half the start states of `train` are recorded (`PlanStart`)."""

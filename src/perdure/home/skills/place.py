@@ -53,7 +53,8 @@ class Place(Skill):
     observation = (obs.PROPRIOCEPTION, obs.CLOSENESS, obs.point("goal", "the goal", lambda state: state.goal), CARRIED)
     rewards: ClassVar = {
         "carry": f"{DISTANCE_REWARD:g} per meter nearer to the goal while it is held, except upward (our choice)",
-        "release": f"+{RELEASE_REWARD:g} for the first release, if inside the goal region",
+        "release": f"+{RELEASE_REWARD:g} for the first release, if inside the goal region; minus `release_cost` (our "
+        "choice, usually 0) per m/s of the hand",
         "retract": f"{DISTANCE_REWARD:g} per meter nearer to rest after it",
     }
     success_text = (
@@ -77,6 +78,8 @@ class Place(Skill):
     """Delta: number of steps the object must stay."""
     limited_to: int | None = None
     """Step limit; 200 + Delta (200 for Delta = 1) when None."""
+    release_cost: float = 0.0
+    """What a release in motion costs, as reward per m/s of the hand."""
 
     def __post_init__(self) -> None:
         """Check the options; raise PerdureError for a delta below 1 or a limit shorter than delta."""
@@ -109,9 +112,10 @@ class Place(Skill):
         retract = obs.rest_distance(before) - obs.rest_distance(after)
         first = now.released & ~was.released
         inside = after.object_to_goal <= GOAL_RADIUS
+        cost = self.release_cost * norm(before.gripper_velocity)
         return {
             "carry": DISTANCE_REWARD * np.where(after.holds_target, nearer, 0.0),
-            "release": np.where(first & inside, RELEASE_REWARD, 0.0),
+            "release": np.where(first & inside, RELEASE_REWARD, 0.0) - np.where(first, cost, 0.0),
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 

@@ -22,7 +22,7 @@ from perdure.policy import Policy
 from perdure.runs import Observer
 
 HIDDEN = (256, 256)
-FLAGS = ("delta", "limited_to")
+FLAGS = ("delta", "limited_to", "release_cost")
 """Environment options that are also flags of `perdure home train`."""
 
 
