@@ -26,8 +26,7 @@ def main(args: Sequence[str] | None = None) -> None:
         args: The arguments of the program; by default those of this process.
     """
     words = sys.argv[1:] if args is None else list(args)
-    from perdure.cli import resumes, run
-    from perdure.cli.terminal import prepare_terminal
+    from perdure.cli import prepare_terminal, resumes, run
 
     prepare_terminal()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -46,7 +45,7 @@ def main(args: Sequence[str] | None = None) -> None:
         print(f"perdure: interrupted; {then}", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
     except (ValueError, OSError) as error:
-        if not _is_users(error):
+        if not isinstance(error, OSError | PerdureError):
             raise
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
@@ -77,11 +76,6 @@ def _show_warning(others: Callable[..., None], message: Warning | str, category:
         print(f"perdure: {printable(str(message))}", file=sys.stderr)
     else:
         others(message, category, *where)
-
-
-def _is_users(error: ValueError | OSError) -> bool:
-    """Return whether the user caused the error."""
-    return isinstance(error, OSError | PerdureError)
 
 
 def _sentence(error: ValueError | OSError) -> str:

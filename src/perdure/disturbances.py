@@ -44,7 +44,7 @@ KINDS = {
 }
 """What each kind of disturbance does."""
 CALM = "none"
-"""Name of no disturbance at all."""
+"""Name of no disturbance at all, also in tables."""
 STANDARDS: dict[str, tuple[str, ...]] = {
     "standard-1": (
         "action_noise:0.02",
@@ -91,11 +91,6 @@ class Disturbance:
             raise PerdureError(f"the level of lag must be less than 1, got {self.level}")
         if self.name == "time_step" and self.level == 0.0:
             raise PerdureError("the level of time_step must be more than 0, got 0")
-
-    @property
-    def needs_simulator(self) -> bool:
-        """Whether it changes MuJoCo's model or state."""
-        return self.name in NEED_SIMULATOR
 
     @property
     def label(self) -> str:

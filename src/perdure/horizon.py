@@ -110,14 +110,8 @@ class HorizonProtocol:
 
     def to_json(self) -> dict[str, Any]:
         """Return the protocol as plain JSON values."""
-        return {
-            "embedding": None if self.embedding is None else self.embedding.to_json(),
-            "horizon": self.horizon.to_json(),
-            "end": self.end,
-            "gamma": self.gamma,
-            "normalizer_gamma": self.normalizer_gamma,
-            "normalize_embedding": self.normalize_embedding,
-        }
+        embedding = None if self.embedding is None else self.embedding.to_json()
+        return {**vars(self), "embedding": embedding, "horizon": self.horizon.to_json()}
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
@@ -568,43 +562,24 @@ class LaneClocks:
         """
         if not clocks:
             raise PerdureError("LaneClocks needs at least one clock")
-        self.clocks = tuple(clocks)
-        self._kinds = tuple(dict.fromkeys(clocks))
-        number = {kind: index for index, kind in enumerate(self._kinds)}
-        self._kind_of_lane = np.array([number[clock] for clock in clocks])
-        self._all_rows = self._group(self._kind_of_lane)
+        lanes: dict[Clock, list[int]] = {}
+        for lane, clock in enumerate(clocks):
+            lanes.setdefault(clock, []).append(lane)
+        self._lanes, self._count = {clock: np.array(mine) for clock, mine in lanes.items()}, len(clocks)
 
-    def time(
-        self, elapsed: ArrayLike, lanes: ArrayLike | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (t, T) of every lane: two arrays of shape (n,).
-
-        Args:
-            elapsed: Steps since reset, shape (n,): one number for each of ``lanes``.
-            lanes: Numbers of the lanes to evaluate; None means all of them, in order.
+    def time(self, elapsed: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (t, T) of every lane, two arrays of shape (n,), for steps since reset of shape (n,).
 
         Raises:
-            PerdureError: If the shape does not fit, or there is no such lane.
+            PerdureError: If the shape does not fit.
         """
         steps = np.asarray(elapsed, np.float64)
-        rows = self._all_rows if lanes is None else self._group(self._chosen(lanes))
-        count = len(self.clocks) if lanes is None else np.size(lanes)
-        if steps.shape != (count,):
-            raise PerdureError(f"elapsed must have shape ({count},), one number a lane, got {steps.shape}")
+        if steps.shape != (self._count,):
+            raise PerdureError(f"elapsed must have shape ({self._count},), one number a lane, got {steps.shape}")
         times, horizons = np.empty_like(steps), np.empty_like(steps)
-        for clock, mine in rows:
+        for clock, mine in self._lanes.items():
             times[mine], horizons[mine] = clock.time(steps[mine])
         return times, horizons
-
-    def _chosen(self, lanes: ArrayLike) -> NDArray[np.int64]:
-        chosen = np.asarray(lanes, np.int64)
-        bad = chosen[(chosen < 0) | (chosen >= len(self.clocks))]
-        if bad.size:
-            raise PerdureError(f"there is no lane {bad[0]}; the lanes are 0 to {len(self.clocks) - 1}")
-        return self._kind_of_lane[chosen]
-
-    def _group(self, kind_of_row: NDArray[np.int64]) -> list[tuple[Clock, NDArray[np.int64]]]:
-        return [(self._kinds[kind], np.flatnonzero(kind_of_row == kind)) for kind in np.unique(kind_of_row)]
 
 
 def _check_steps(name: str, steps: float) -> None:

@@ -283,16 +283,14 @@ class Table(Kind):
     def __init__(
         self,
         fields: Mapping[str, Kind],
-        optional: Mapping[str, Kind] | None = None,
         rules: Sequence[Rule] = (),
         others: Kind | None = None,
     ) -> None:
         self.fields, self.rules = fields, rules
-        known = {**fields, **(optional or {})}
-        names = {name: f"field_{number}" for number, name in enumerate(known)}
+        names = {name: f"field_{number}" for number, name in enumerate(fields)}
 
         def check(made: Any) -> None:
-            for name, kind in known.items():
+            for name, kind in fields.items():
                 if isinstance(kind, Real) and not kind.holds(made[name]):
                     raise ValueError(f"{name} must be {kind.allowed}, not {made[name]}")
             for rule in rules:
@@ -301,10 +299,7 @@ class Table(Kind):
 
         row: Any = msgspec.defstruct(
             "Table",
-            [
-                (names[name], kind.type) if name in fields else (names[name], kind.type, None)
-                for name, kind in known.items()
-            ],
+            [(names[name], kind.type) for name, kind in fields.items()],
             namespace={"__getitem__": lambda table, name: getattr(table, names[name]), "__post_init__": check},
             rename={short: name for name, short in names.items()},
             forbid_unknown_fields=True,

@@ -8,7 +8,7 @@ it has lasted.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, SupportsFloat, TypeVar
 
 import gymnasium
@@ -16,7 +16,6 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import TimeLimit
-from numpy.typing import NDArray
 
 from perdure.disturbances import Disturber, parse_disturbances
 from perdure.errors import PerdureError
@@ -61,7 +60,18 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
             PerdureError: If distribution or end are invalid, or the environment's own TimeLimit is shorter than the
                 longest T.
         """
-        check_limit(env, distribution, end)
+        if not isinstance(distribution, HorizonDistribution):
+            raise PerdureError(
+                f"a horizon limit needs a HorizonDistribution, such as Uniform(200, 1000), got {distribution!r}"
+            )
+        check_end(end)
+        limits = (float(each._max_episode_steps) for each in layers(env) if isinstance(each, TimeLimit))
+        if (own := min(limits, default=math.inf)) < distribution.longest:
+            raise PerdureError(
+                f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
+                f"({distribution.longest:g}): "
+                "make it without that limit (gymnasium.make with max_episode_steps=-1)"
+            )
         RecordConstructorArgs.__init__(self, distribution=distribution, end=end)
         super().__init__(env)
         self.distribution, self.end = distribution, end
@@ -72,8 +82,8 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
         """Start an episode with a new horizon. A seed restarts the horizons' random numbers, and the environment's."""
         observation, info = self.env.reset(seed=seed, options=options)
         if self._generator is None or seed is not None:
-            self._generator = horizon_generator(seed)
-        self.horizon, self.elapsed = draw_horizon(self.distribution, self._generator), 0
+            self._generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
+        self.horizon, self.elapsed = float(self.distribution.from_uniform(self._generator.random())), 0
         return observation, info
 
     def step(self, action: Act) -> tuple[Obs, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -123,9 +133,11 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         RecordConstructorArgs.__init__(self, embedding=embedding, clock=clock, dict=dict)
         super().__init__(env)
         self.embedding, self.clock = embedding, clock
-        self._limit = find_limit(env) if clock is None else None
+        self._limit = next((each for each in layers(env) if isinstance(each, HorizonLimit)), None)
+        if clock is None and self._limit is None:
+            raise PerdureError(f"the time-to-go needs a HorizonLimit below it, or a clock; {env} has neither")
         self._elapsed = 0
-        self.observation_space = appended_space(env.observation_space, embedding.size, as_dict=dict)
+        self.observation_space = _with_phi(env.observation_space, embedding.size, as_dict=dict)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode at t = 0."""
@@ -145,7 +157,10 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         else:
             assert self._limit is not None
             time = np.float64(self._limit.elapsed), self._limit.horizon
-        return append(self.observation_space, observation, np.asarray(self.embedding(*time)))
+        phi, space = np.asarray(self.embedding(*time)), self.observation_space
+        if isinstance(space, spaces.Dict):
+            return {OBSERVATION: observation, TIME_TO_GO: phi.astype(space[TIME_TO_GO].dtype)}
+        return np.concatenate([observation, phi], axis=-1, dtype=space.dtype)
 
 
 class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -257,69 +272,15 @@ class StayAtGoal(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
         return observation, reward, terminated, truncated, info
 
 
-# Horizons
-
-
-def check_limit(env: Any, distribution: HorizonDistribution, end: Any) -> None:
-    """Raise PerdureError if the limit is invalid, or the environment would cut episodes before the longest T."""
-    if not isinstance(distribution, HorizonDistribution):
-        raise PerdureError(
-            f"a horizon limit needs a HorizonDistribution, such as Uniform(200, 1000), got {distribution!r}"
-        )
-    check_end(end)
-    own = own_limit(env)
-    if own < distribution.longest:
-        raise PerdureError(
-            f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
-            f"({distribution.longest:g}): "
-            "make it without that limit (gymnasium.make with max_episode_steps=-1)"
-        )
-
-
-def own_limit(env: Any) -> float:
-    """Return the environment's own step limit, that of Gymnasium's TimeLimit; infinity where there is none."""
-    limits = [math.inf]
+def layers(env: Any) -> Iterator[Any]:
+    """Yield the wrappers of a single environment, from the outermost."""
     while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, TimeLimit):
-            limits.append(float(env._max_episode_steps))
+        yield env
         env = env.env
-    return min(limits)
 
 
-def find_limit(env: Any) -> HorizonLimit[Any, Any]:
-    """Return the `HorizonLimit` in a stack of wrappers; raise PerdureError if there is none."""
-    layer = env
-    while isinstance(layer, gymnasium.Wrapper):
-        if isinstance(layer, HorizonLimit):
-            return layer
-        layer = layer.env
-    raise PerdureError(f"the time-to-go needs a HorizonLimit below it, or a clock; {env} has neither")
-
-
-def horizon_generator(seed: int | None) -> np.random.Generator:
-    """Return the generator of the horizons of an environment with this seed; None takes fresh entropy."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
-
-
-def draw_horizon(distribution: HorizonDistribution, generator: np.random.Generator) -> float:
-    """Return T of the next episode, in steps."""
-    return float(distribution.from_uniform(generator.random()))
-
-
-# The time-to-go in observations
-
-
-def appended_space(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces.Space[Any]:
-    """Return the space of observations with phi.
-
-    Args:
-        space: Space of the observations of one environment.
-        size: Numbers in phi.
-        as_dict: Dict {"observation", "time_to_go"} instead of one flat Box.
-
-    Raises:
-        PerdureError: If a flat vector is asked for and the observations are none of floating-point numbers.
-    """
+def _with_phi(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces.Space[Any]:
+    """Return the space of observations with phi of a size: one flat Box, or a Dict {"observation", "time_to_go"}."""
     flat = isinstance(space, spaces.Box) and len(space.shape) == 1 and np.issubdtype(space.dtype, np.floating)
     if not (as_dict or flat):
         raise PerdureError(f"phi cannot be appended to observations in {space}: use dict=True, or flatten them first")
@@ -330,19 +291,6 @@ def appended_space(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces
         return spaces.Dict({OBSERVATION: space, TIME_TO_GO: phi})
     assert isinstance(space, spaces.Box)
     return spaces.Box(np.concatenate([space.low, phi.low]), np.concatenate([space.high, phi.high]), dtype=dtype.type)
-
-
-def append(space: spaces.Space[Any], observation: Any, phi: NDArray[np.float64]) -> Any:
-    """Return the observation with phi, as a member of ``space``.
-
-    Args:
-        space: From :func:`appended_space`.
-        observation: One observation.
-        phi: Shape (size,).
-    """
-    if isinstance(space, spaces.Dict):
-        return {OBSERVATION: observation, TIME_TO_GO: phi.astype(space[TIME_TO_GO].dtype)}
-    return np.concatenate([observation, phi], axis=-1, dtype=space.dtype)
 
 
 # Infos

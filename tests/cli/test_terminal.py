@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from perdure.cli.terminal import _plain, command_line
+from perdure.cli import _plain, command_line
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 MEMORY_KB = 4 * 2**20

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perdure.envs.world import LaneTracker, checked_lanes
+from perdure.envs.world import TrackedWorld, checked_lanes
 from perdure.errors import PerdureError
 
 LANES = 4
@@ -19,7 +19,7 @@ event = st.tuples(
 @settings(max_examples=100, deadline=None)
 @given(st.lists(event, max_size=25))
 def test_every_lane_lives_as_if_it_were_alone(history: list) -> None:
-    tracker = LaneTracker(LANES)
+    tracker = TrackedWorld(LANES)
     made: list[int | None] = [None] * LANES  # steps of each running lane; None before a reset and after an end
     for is_reset, lanes, falls in history:
         if is_reset:

@@ -47,7 +47,7 @@ class Scripted(gymnasium.Env):
 
 def world_of(scripts: list[Script], hides_divergence: bool = True) -> GymnasiumWorld:
     world = GymnasiumWorld([lambda s=s: Scripted(s) for s in scripts], list(range(len(scripts))), "scripted")
-    world._spec = replace(world._spec, hides_divergence=hides_divergence)
+    world.spec = replace(world.spec, hides_divergence=hides_divergence)
     return world
 
 

@@ -65,7 +65,7 @@ def policy():
 
 @pytest.fixture(scope="module")
 def render_env(policy):
-    return find_render_env(policy.task.name, policy.task.observation_size)
+    return find_render_env(policy.task.name)
 
 
 @pytest.fixture(scope="module")
@@ -175,14 +175,14 @@ class TestTwins:
         [("Hopper-v3", "Hopper-v4"), ("Ant-v5", "Ant-v5"), ("gymnasium:Hopper-v5", "Hopper-v5")],
     )
     def test_have_the_dynamics_of_the_task(self, task, env_id):
-        assert find_render_env(task, 11).env_id == env_id
+        assert find_render_env(task).env_id == env_id
 
     @pytest.mark.parametrize("task", ["Ant-v3", "Humanoid-v3", "Humanoid-v4", "Ant-v4", "Walker2d-v3"])
     def test_give_observations_of_the_same_length_and_zero_forces_where_envpool_does(self, task):
         world = make_world(task, [0])
         theirs = world.reset()[0]
         world.step(np.zeros((1, world.spec.action_size)))
-        env = find_render_env(task, world.spec.observation_size).build()
+        env = find_render_env(task).build()
         ours = env.reset(seed=0)[0]
         for _ in range(5):
             ours = env.step(env.action_space.sample())[0]
@@ -195,12 +195,12 @@ class TestTwins:
     @pytest.mark.parametrize("task", ["CheetahRun-v1", "perdure/HomePlace-v0", "Hopper-v9"])
     def test_do_not_exist_for_other_tasks(self, task):
         with pytest.raises(PerdureError, match=f"{task} cannot be filmed"):
-            find_render_env(task, 11)
+            find_render_env(task)
 
     def test_an_environment_that_renders_no_array_is_refused(self):
         gymnasium.register("perdure-test-Dark-v0", Dark)
         with pytest.raises(PerdureError, match=r"cannot be filmed: it renders \[\x27human\x27\], and not rgb_array"):
-            find_render_env("gymnasium:perdure-test-Dark-v0", 1).build()
+            find_render_env("gymnasium:perdure-test-Dark-v0").build()
 
 
 class Dark(gymnasium.Env):

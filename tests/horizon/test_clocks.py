@@ -122,22 +122,9 @@ def test_clocks_of_lanes_are_each_clock_alone(some, data):
         assert table(clock, elapsed[lane : lane + 1]) == ([times[lane]], [horizons[lane]])
 
 
-@given(st.lists(clocks, min_size=1, max_size=12), st.data())
-def test_some_lanes_are_told_what_they_are_told_among_all(some, data):
-    whole = LaneClocks(some)
-    lanes = np.array(data.draw(st.lists(st.integers(0, len(some) - 1), max_size=20)), int)
-    elapsed = 100.0 + 3 * np.arange(len(some))
-    times, horizons = whole.time(elapsed)
-    part_times, part_horizons = whole.time(elapsed[lanes], lanes)
-    assert np.array_equal(part_times, times[lanes])
-    assert np.array_equal(part_horizons, horizons[lanes])
-
-
 def test_one_batch_mixes_clocks():
     mixed = LaneClocks([Constant(9), Countdown(5), Periodic(2), Constant(9)])
     assert table(mixed, [3, 3, 3, 4]) == ([0, 3, 1, 0], [9, 5, 2, 9])
-    times, horizons = mixed.time([7, 7], lanes=[2, 1])
-    assert (times.tolist(), horizons.tolist()) == ([1, 7], [2, 5])
 
 
 def test_lanes_that_do_not_fit_are_refused():
@@ -146,9 +133,3 @@ def test_lanes_that_do_not_fit_are_refused():
     two = LaneClocks([Constant(1), Constant(2)])
     with pytest.raises(PerdureError, match=r"shape \(2,\), one number a lane, got \(3,\)"):
         two.time([0, 0, 0])
-    with pytest.raises(PerdureError, match=r"shape \(1,\), one number a lane, got \(2,\)"):
-        two.time([0, 0], [1])
-    with pytest.raises(PerdureError, match="there is no lane 2; the lanes are 0 to 1"):
-        two.time([0], [2])
-    with pytest.raises(PerdureError, match="there is no lane -1"):
-        two.time([0], [-1])

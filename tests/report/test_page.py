@@ -16,7 +16,6 @@ import pytest
 from specs import by_label, notes, rows, specs
 
 from perdure.errors import PerdureError
-from perdure.evaluate import ExtrapolationResult
 from perdure.report import summary_text, write_report
 from perdure.report.estimates import estimate_table
 from perdure.report.figures import make_figures
@@ -103,15 +102,6 @@ class TestWhatItSays:
         text = re.sub(r"<[^>]+>", " ", write_report(table, tmp_path, "", formats=()).read_text())
         row = r"constant\(500\)\s+1\s+8\s+200,000\s+holds\s+[\d.]+\s+holds 8\s"
         assert re.search(f"Training runs .*{row}", text, re.DOTALL)
-
-    def test_a_summary_by_training_run_has_a_row_for_each(self, synthetic):
-        table = pl.concat([synthetic([{"rate": seed + 1.0}], train_seeds=(seed,)) for seed in (0, 1)])
-        result = ExtrapolationResult(table, None)
-        assert result.summary()["mean_return"].to_list() == [150_000.0]
-        assert result.summary(by_training_run=True).select("train_seed", "mean_return").rows() == [
-            (0, 100_000.0),
-            (1, 200_000.0),
-        ]
 
     def test_the_best_clock_holds_first_and_earns_second(self, synthetic):
         falling = {"clock": "constant(0)", "rate": 9.0, "ends": [90_000] * 8}  # earns most, and falls

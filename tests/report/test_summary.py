@@ -12,7 +12,7 @@ import pytest
 from perdure.cli.commands import write_and_show
 from perdure.evaluate import ExtrapolationResult
 from perdure.report import estimate_table, write_table
-from perdure.report.summary import not_holding, summary_json
+from perdure.report.page import not_holding, summary_json
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,8 @@ import pytest
 
 from perdure.report import summary_text, wording
 from perdure.report.estimates import FAILURES, advice, estimate_table, headline
-from perdure.report.goals import GOOD
-from perdure.report.groups import behave_as_one
-from perdure.report.summary import not_holding
+from perdure.report.groups import GOOD, behave_as_one
+from perdure.report.page import not_holding
 
 HELP = Path(__file__).parents[2] / "docs" / "how-to" / "when-a-policy-fails.md"
 HOUR = {"disturbance": "standard-1", "step_seconds": 3.6, "rate": 2.0}

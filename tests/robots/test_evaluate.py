@@ -11,8 +11,8 @@ import perdure
 from perdure.errors import PerdureError
 from perdure.evaluate import reference
 from perdure.report import estimate_table, read_table, wording
+from perdure.report.page import summary_json
 from perdure.report.schema import COLUMNS, MEASURES, table_episodes
-from perdure.report.summary import summary_json
 from tests.robots.conftest import ANT
 
 OPTIONS = {"steps": 200, "eval_seeds": 2, "disturb": "none", "training_horizon": 50, "cores": 1, "on": "here"}

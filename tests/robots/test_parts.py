@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from perdure.robots.contract import RandomCommands, Term
-from perdure.robots.parts import Observer, Schedule, Walk
+from perdure.robots.world import Observer, Schedule, Walk
 
 
 def commands(contract, seconds, seed=0):

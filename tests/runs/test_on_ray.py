@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from perdure.runs import Store, Unit, make_workers, run_units
+from perdure.runs import Store, Unit, run_missing
 
 HERE = Path(__file__).parent
 
@@ -24,7 +24,7 @@ def test_a_node_that_dies_midway_changes_no_result(cluster, tmp_path, monkeypatc
             state["killed"] = True
             cluster.remove_node(max(cluster.worker_nodes, key=id), allow_graceful=False)
 
-    run_units(units, tmp_path / "store", make_workers(f"ray:{cluster.address}", units), kill_a_node)
+    run_missing(units, tmp_path / "store", f"ray:{cluster.address}", None, kill_a_node)
     assert state["killed"]
     store = Store(tmp_path / "store")
     assert [(store.get(each.key) / "text").read_text() for each in units] == [str(k) for k in range(6)]
@@ -35,4 +35,4 @@ def test_a_unit_that_fails_on_ray_says_why(cluster, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(HERE))
     unit = Unit("bad", {}, "scripted_units:fail", {"message": "no such thing"})
     with pytest.raises(ValueError, match="ValueError: no such thing"):
-        run_units([unit], tmp_path, make_workers(f"ray:{cluster.address}", [unit]))
+        run_missing([unit], tmp_path, f"ray:{cluster.address}")

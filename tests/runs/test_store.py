@@ -52,7 +52,7 @@ def test_a_unit_appears_only_when_its_block_ends(tmp_path):
     assert store.done(KEY, CONFIG)
     assert (store.get(KEY) / "curve.csv").read_text() == "1,2"
     assert store.config(KEY) == CONFIG
-    assert hidden(store, ".working") == hidden(store, ".locks") == []
+    assert hidden(store, ".working") == []
 
 
 def test_a_block_that_is_not_complete_leaves_its_folder_for_the_next(tmp_path):
@@ -65,7 +65,7 @@ def test_a_block_that_is_not_complete_leaves_its_folder_for_the_next(tmp_path):
     with store.workspace(KEY, CONFIG) as work:
         assert (work.folder / "checkpoint").read_text() == "1"
     assert store.done(KEY)
-    assert hidden(store, ".working") == hidden(store, ".locks") == []
+    assert hidden(store, ".working") == []
 
 
 def test_a_missing_unit_is_refused_by_name(tmp_path):
@@ -270,7 +270,7 @@ def test_processes_that_want_one_unit_at_once_leave_one_whole_unit(tmp_path):
     authors = {(folder / str(name)).read_text() for name in range(40)}
     assert len(authors) == 1
     assert sorted(path.name for path in folder.iterdir()) == sorted([*map(str, range(40)), "unit.json"])
-    assert hidden(Store(tmp_path), ".working") == hidden(Store(tmp_path), ".locks") == []
+    assert hidden(Store(tmp_path), ".working") == []
 
 
 KILLED = """
@@ -322,7 +322,7 @@ def test_a_workspace_survives_errors_and_is_promoted_when_it_finishes(tmp_path):
         assert (work.folder / "half").read_text() == "x"
         (work.folder / "policy").write_text("p")
     assert (store.get(KEY, CONFIG) / "policy").read_text() == "p"
-    assert hidden(store, ".working") == hidden(store, ".locks") == []
+    assert hidden(store, ".working") == []
     with pytest.raises(PerdureError, match="finished already"), store.workspace(KEY, CONFIG):
         pytest.fail("the block must not run")
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from perdure.errors import PerdureError, note_call
-from perdure.runs import LocalWorkers, Store, Unit, make_workers, progress, read_unit_progress, run_units, workers
+from perdure.runs import LocalWorkers, Store, Unit, make_workers, progress, read_unit_progress, run_missing, workers
 from perdure.runs.progress import show_progress
 
 HERE = Path(__file__).parent
@@ -41,7 +41,7 @@ def test_every_unit_runs_once_and_a_finished_one_never_again(tmp_path, on):
     log = tmp_path / "log"
     units = [unit(f"u-{k}", text=f"text {k}", log=str(log)) for k in range(5)]
     for cores in (1, 2):  # another number of workers changes nothing
-        run_units(units, tmp_path / "store", make_workers(on, units, cores))
+        run_missing(units, tmp_path / "store", on, cores)
     assert sorted(lines(log)) == [f"text {k}" for k in range(5)]
     store = Store(tmp_path / "store")
     assert [(store.get(each.key) / "text").read_text() for each in units] == [f"text {k}" for k in range(5)]
@@ -55,14 +55,14 @@ def test_a_unit_comes_after_those_it_depends_on(tmp_path, on):
         unit("second", after=("first",), text="2", log=log),
         unit("first", text="1", log=log),
     ]
-    run_units(units, tmp_path / "store", make_workers(on, units, 2))
+    run_missing(units, tmp_path / "store", on, 2)
     assert lines(log) == ["1", "2", "3"]
 
 
 def test_of_units_with_checkpoints_the_one_furthest_behind_goes_first(tmp_path):
     log = tmp_path / "log"
     units = [unit("long", "count", to=4, log=str(log)), unit("short", "count", to=2, log=str(log))]
-    run_units(units, tmp_path / "store")
+    run_missing(units, tmp_path / "store")
     assert lines(log) == ["4:1", "2:1", "4:2", "4:3", "2:2", "4:4"], "a tie goes to the first"
 
 
@@ -70,7 +70,7 @@ def test_a_failure_is_said_recorded_and_stops_only_what_depends_on_it(tmp_path, 
     units = [unit("bad", "fail", message="no such thing"), unit("next", after=("bad",)), unit("good")]
     seen = []
     with pytest.raises(PerdureError, match=r"1 of 3 units failed, 1 depend on them: bad: ValueError: no such thing"):
-        run_units(units, tmp_path, make_workers(on, units, 2), lambda status: seen.append(dict(status)))
+        run_missing(units, tmp_path, on, 2, lambda status: seen.append(dict(status)))
     assert Store(tmp_path).keys() == ("good",)
     assert [seen[-1][each.key].state for each in units] == ["failed", "blocked", "finished"]
     assert "no such thing" in Store(tmp_path).note_path("failures", "bad").read_text()
@@ -79,8 +79,8 @@ def test_a_failure_is_said_recorded_and_stops_only_what_depends_on_it(tmp_path, 
 def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
     bad = unit("unit", "die", log=str(tmp_path / "log"))
     with pytest.raises(PerdureError, match="SIGKILL"):
-        run_units([bad], tmp_path / "store", LocalWorkers(1))
-    run_units([bad], tmp_path / "store", LocalWorkers(1))
+        run_missing([bad], tmp_path / "store", "local", 1)
+    run_missing([bad], tmp_path / "store", "local", 1)
     assert not Store(tmp_path / "store").note_path("failures", "unit").exists()
     assert (Store(tmp_path / "store").get("unit") / "text").read_text() == "second life"
 
@@ -95,7 +95,7 @@ def test_a_failure_is_forgotten_when_the_unit_succeeds(tmp_path):
 )
 def test_the_end_of_a_process_is_blamed_on_what_it_was_calling(tmp_path, how, said):
     with pytest.raises(PerdureError) as failure:
-        run_units([unit("unit", "end", how=how)], tmp_path, LocalWorkers(1))
+        run_missing([unit("unit", "end", how=how)], tmp_path, "local", 1)
     assert str(failure.value) == f"1 of 1 units failed: unit: {said}"
 
 
@@ -113,13 +113,13 @@ def test_a_call_that_lasts_is_named(monkeypatch, capsys):
 def test_a_killed_worker_is_replaced_for_the_units_that_wait(tmp_path):
     units = [unit("dies", "die", log=str(tmp_path / "log")), *(unit(f"u-{k}") for k in range(3))]
     with pytest.raises(PerdureError, match="1 of 4"):
-        run_units(units, tmp_path / "store", LocalWorkers(1))
+        run_missing(units, tmp_path / "store", "local", 1)
     assert len(Store(tmp_path / "store").keys()) == 3
 
 
 def test_a_worker_runs_on_the_cores_it_is_given_with_one_thread(tmp_path):
     where = Unit("where", {}, "scripted_units:where")
-    run_units([where], tmp_path, LocalWorkers(1, 1))
+    run_missing([where], tmp_path, "local", 1)
     text = (Store(tmp_path).get("where") / "where").read_text()
     cores, threads, blas, process = text.rsplit(" ", 3)
     assert set(json.loads(cores)) <= os.sched_getaffinity(0)
@@ -130,7 +130,7 @@ def test_a_worker_runs_on_the_cores_it_is_given_with_one_thread(tmp_path):
 def test_progress_is_seen_by_other_processes_while_it_runs(tmp_path):
     units = [unit("unit", "count", to=3, log=str(tmp_path / "log"))]
     seen = []
-    run_units(units, tmp_path / "store", observe=lambda status: seen.append(status["unit"].share))
+    run_missing(units, tmp_path / "store", observe=lambda status: seen.append(status["unit"].share))
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
     assert {round(share, 2) for share in seen} >= {0.33, 0.67}
@@ -140,7 +140,7 @@ def test_progress_is_seen_by_other_processes_while_it_runs(tmp_path):
 def test_two_commands_on_one_store_share_the_work(tmp_path):
     log = tmp_path / "log"
     units = [unit(f"u-{k}", "sleep", log=str(log), seconds=0.4) for k in range(4)]
-    others = [threading.Thread(target=run_units, args=(units, tmp_path / "store", LocalWorkers(1))) for _ in range(2)]
+    others = [threading.Thread(target=run_missing, args=(units, tmp_path / "store", "local", 1)) for _ in range(2)]
     for each in others:
         each.start()
     for each in others:
@@ -156,7 +156,7 @@ def test_the_current_folder_is_not_imported_from(tmp_path, monkeypatch):
     for name in ("json", "threading", "numpy", "scripted_units"):
         (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'sprung')!r}, 'w')\n")
     monkeypatch.chdir(trap)
-    run_units([unit("unit")], tmp_path / "store", LocalWorkers(1))
+    run_missing([unit("unit")], tmp_path / "store", "local", 1)
     assert not (tmp_path / "sprung").exists()
 
 
@@ -168,16 +168,16 @@ def test_a_place_that_is_none_is_refused(text):
 
 def test_two_units_of_one_key_and_a_missing_dependency_are_refused(tmp_path):
     with pytest.raises(PerdureError, match="'a'"):
-        run_units([unit("a"), unit("a")], tmp_path)
+        run_missing([unit("a"), unit("a")], tmp_path)
     with pytest.raises(PerdureError, match="'b', which is no unit"):
-        run_units([unit("a", after=("b",))], tmp_path)
+        run_missing([unit("a", after=("b",))], tmp_path)
 
 
 def test_without_a_terminal_a_line_is_printed_every_half_minute(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("perdure.runs.progress.LINE_SECONDS", 0.0)
     units = [unit("a", "count", to=2, log=str(tmp_path / "log")), unit("b")]
     with show_progress("test", "steps") as observe:
-        run_units(units, tmp_path / "store", observe=observe)
+        run_missing(units, tmp_path / "store", observe=observe)
     printed = capsys.readouterr().err.splitlines()
     assert "test  0%  0 of 2 done" in printed[0]
     assert "test  100%  2 of 2 done" in printed[-1]
@@ -186,10 +186,10 @@ def test_without_a_terminal_a_line_is_printed_every_half_minute(tmp_path, monkey
 ASKS = """
 import sys
 sys.path.insert(0, sys.argv[1])
-from perdure.runs import LocalWorkers, Unit, run_units
+from perdure.runs import Unit, run_missing
 
 units = [Unit(f"u-{k}", {}, "scripted_units:stuck", {"log": sys.argv[3], "seconds": 300}) for k in range(2)]
-run_units(units, sys.argv[2], LocalWorkers(2))
+run_missing(units, sys.argv[2], "local", 2)
 """
 
 

@@ -379,8 +379,7 @@ def write_and_show(
         SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
     """
     from perdure.report import estimate_table, read_episodes, summary_text, write_report
-    from perdure.report.page import STILLS
-    from perdure.report.summary import not_holding, summary_json
+    from perdure.report.page import STILLS, not_holding, summary_json
 
     episodes, notes = read_episodes(table)
     estimates = estimate_table(episodes)

@@ -21,8 +21,7 @@ from typing import Annotated, Any, TypeVar, cast, get_type_hints
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
-from perdure.cli import DOCS, example
-from perdure.cli.terminal import command_line
+from perdure.cli import DOCS, command_line, example
 
 T = TypeVar("T")
 Cores = Annotated[int | None, tyro.conf.arg(help="Cores to use; all by default. Results do not depend on it.")]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 
-from perdure.disturbances import Disturbance, Disturber
+from perdure.disturbances import NEED_SIMULATOR, Disturbance, Disturber
 from perdure.envs.suites import is_contract
-from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec, World
+from perdure.envs.world import FloatArray, IntArray, Step, World
 from perdure.errors import PerdureError
 
 SIMULATED = {
@@ -32,7 +31,7 @@ def disturbed_task(task: str, disturbances: Sequence[Disturbance]) -> str:
     Raises:
         PerdureError: If there is no such copy.
     """
-    needing = [each.label for each in disturbances if each.needs_simulator]
+    needing = [each.label for each in disturbances if each.name in NEED_SIMULATOR]
     if not needing or task.startswith("gymnasium:") or is_contract(task):
         return task
     if task not in SIMULATED:
@@ -66,26 +65,14 @@ class DisturbedWorld:
         Raises:
             PerdureError: A kind cannot be applied to this world.
         """
-        self._world, spec, self.infos = world, world.spec, getattr(world, "infos", ())
-        box = None if spec.discrete_actions else (spec.action_low, spec.action_high)
+        self._world, self.infos = world, getattr(world, "infos", ())
+        self.spec, self.spaces, self.num_lanes = world.spec, world.spaces, world.num_lanes
+        self.abandon, self.close = world.abandon, world.close
+        """See `World`."""
+        box = None if self.spec.discrete_actions else (self.spec.action_low, self.spec.action_high)
         environments = getattr(world, "environments", ())
-        self._disturber = Disturber(spec.name, disturbances, seeds, box, observation_std, environments)
+        self._disturber = Disturber(self.spec.name, disturbances, seeds, box, observation_std, environments)
         self._everyone = np.arange(world.num_lanes)
-
-    @property
-    def spec(self) -> TaskSpec:
-        """See `World.spec`."""
-        return self._world.spec
-
-    @property
-    def spaces(self) -> tuple[Any, Any]:
-        """See `World.spaces`."""
-        return self._world.spaces
-
-    @property
-    def num_lanes(self) -> int:
-        """See `World.num_lanes`."""
-        return self._world.num_lanes
 
     @property
     def elapsed(self) -> IntArray:
@@ -111,11 +98,3 @@ class DisturbedWorld:
         step = self._world.step(self._disturber.act(np.asarray(actions, np.float64), chosen, elapsed), lanes)
         self._disturber.observe(step.observations, chosen, step.elapsed)
         return step
-
-    def abandon(self, lanes: IntArray) -> None:
-        """See `World.abandon`."""
-        self._world.abandon(lanes)
-
-    def close(self) -> None:
-        """See `World.close`."""
-        self._world.close()

@@ -2,7 +2,7 @@
 
 EnvPool's public `step` rebuilds dictionaries at every call, which costs 60 to 100 us: more than the physics of a small
 batch. `RawChannel` hands arrays to the compiled pool directly, with positions looked up once from the pool's own key
-lists. Where those lists do not look as expected, `open_channel` falls back to `PublicChannel`.
+lists.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import ctypes
 import math
 import sys
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,6 @@ from perdure.envs.world import (
     BoolArray,
     FloatArray,
     IntArray,
-    LaneTracker,
     Step,
     TaskSpec,
     TrackedWorld,
@@ -29,7 +28,6 @@ from perdure.envs.world import (
 )
 from perdure.errors import PerdureError
 
-ACTION_KEYS = ["env_id", "players.env_id", "action"]
 Int32Array = npt.NDArray[np.int32]
 Outcome = tuple[FloatArray, npt.NDArray[np.float32], BoolArray, BoolArray]
 OUT_OF_REACH = 10**9
@@ -64,27 +62,25 @@ class EnvPoolWorld(TrackedWorld):
             PerdureError: If seeds or threads are not legal or the task's actions are not one box.
         """
         seeds = checked_seeds(seeds)
-        if threads < 1:
-            raise PerdureError(f"threads must be at least 1, got {threads}.")
         self.pool: Any = _make_pool(name, seeds, threads)
-        self._channel: Channel = open_channel(self.pool)
-        self._spec = _spec_of(self.pool, name, suite)
+        self._channel = RawChannel(self.pool)
+        self.spec = _spec_of(self.pool, name, suite)
         self._action_dtype = self.pool.action_space.dtype
-        self._tracker = LaneTracker(len(seeds))
+        super().__init__(len(seeds))
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen = self._tracker.lanes_to_reset(lanes)
+        chosen = self.lanes_to_reset(lanes)
         observations = self._channel.reset(chosen.astype(np.int32))
-        self._tracker.begin(chosen)
+        self.begin(chosen)
         return observations
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`."""
-        chosen = self._tracker.lanes_to_step(lanes)
-        clipped = checked_actions(actions, chosen, self._spec).astype(self._action_dtype, copy=False)
+        chosen = self.lanes_to_step(lanes)
+        clipped = checked_actions(actions, chosen, self.spec).astype(self._action_dtype, copy=False)
         observations, rewards, done, trunc = self._channel.step(clipped, chosen.astype(np.int32))
-        elapsed = self._tracker.advance(chosen, done)
+        elapsed = self.advance(chosen, done)
         return Step(
             observations,
             rewards.astype(np.float64),
@@ -96,7 +92,7 @@ class EnvPoolWorld(TrackedWorld):
 
     def close(self) -> None:
         """See `World.close`."""
-        self._tracker.closed = True
+        self.closed = True
         self.pool = self._channel = None  # type: ignore[assignment]  # EnvPool frees its threads with the last reference
 
 
@@ -155,76 +151,29 @@ def _mujoco_version(pool: Any) -> str | None:
     return None
 
 
-class Channel(Protocol):
-    """Moves arrays in and out of one pool. Rows come back in the order of `ids`."""
-
-    def reset(self, ids: Int32Array) -> FloatArray:
-        """Reset these environments; return their first observations, shape (n, observation_size)."""
-
-    def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
-        """Step these environments; return observations, rewards, done (any end) and trunc (EnvPool's step limit)."""
-
-
-def open_channel(pool: Any) -> Channel:
-    """Return a `RawChannel` where the pool's layout is known, else a `PublicChannel`."""
-    return RawChannel(pool) if has_known_layout(pool) else PublicChannel(pool)
-
-
-def has_known_layout(pool: Any) -> bool:
-    """Return whether the pool has the array layout that `RawChannel` expects."""
-    if not all(hasattr(pool, name) for name in ("_reset", "_send", "_recv", "_state_keys", "_action_keys")):
-        return False
-    flags = {"reward", "done", "trunc"} <= set(pool._state_keys)
-    return flags and list(pool._action_keys) == ACTION_KEYS
-
-
 class RawChannel:
-    """The compiled pool's own send and receive."""
+    """The compiled pool's own send and receive. Rows come back in the order of `ids`."""
 
     def __init__(self, pool: Any) -> None:
-        """Find the position of each array in a pool for which `has_known_layout` is true."""
+        """Find the position of each array."""
         keys = list(pool._state_keys)
         self._reset, self._send, self._recv = pool._reset, pool._send, pool._recv
         self._observed = [keys.index(key) for key in observation_keys(pool)]
         self._reward, self._done, self._trunc = (keys.index(key) for key in ("reward", "done", "trunc"))
 
     def reset(self, ids: Int32Array) -> FloatArray:
-        """See `Channel.reset`."""
+        """Reset these environments; return their first observations, shape (n, observation_size)."""
         self._reset(ids)
         return self._flat(self._recv())
 
     def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
-        """See `Channel.step`."""
+        """Step these environments; return observations, rewards, done (any end) and trunc (EnvPool's step limit)."""
         self._send([ids, ids, actions])
         state = self._recv()
         return self._flat(state), state[self._reward], state[self._done], state[self._trunc]
 
     def _flat(self, state: list[npt.NDArray[Any]]) -> FloatArray:
         return flat_observations([state[index] for index in self._observed])
-
-
-class PublicChannel:
-    """EnvPool's documented `reset` and `step`."""
-
-    def __init__(self, pool: Any) -> None:
-        """Wrap a pool made with `env_type="gymnasium"`."""
-        self._pool = pool
-        self._names = [key.split(":")[1:] for key in observation_keys(pool)]
-
-    def reset(self, ids: Int32Array) -> FloatArray:
-        """See `Channel.reset`."""
-        observations, _ = self._pool.reset(ids)
-        return self._flat(observations)
-
-    def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
-        """See `Channel.step`."""
-        observations, rewards, terminated, trunc, _ = self._pool.step(actions, ids)
-        return self._flat(observations), rewards, terminated | trunc, trunc
-
-    def _flat(self, observations: Any) -> FloatArray:
-        if not isinstance(observations, dict):
-            return flat_observations([observations])
-        return flat_observations([observations[name] for (name,) in self._names])
 
 
 def observation_keys(pool: Any) -> list[str]:

@@ -18,7 +18,6 @@ from perdure.envs.suites import unknown_task
 from perdure.envs.world import (
     FloatArray,
     IntArray,
-    LaneTracker,
     Step,
     TaskSpec,
     TrackedWorld,
@@ -73,33 +72,34 @@ class GymnasiumWorld(TrackedWorld):
         if len(factories) != len(seeds):
             raise PerdureError(f"{name}: {len(factories)} environments need as many seeds, got {len(seeds)}.")
         self._next_seeds: list[int | None] = list(seeds)
-        self._tracker = LaneTracker(len(seeds))
-        self._envs: list[Any] = []
+        super().__init__(len(seeds))
+        self.environments: list[Any] = []
+        """The environment of each lane."""
         self.infos = [dict[str, Any]() for _ in seeds]
         """The environments' last infos."""
         try:
             for factory in factories:
                 if mujoco := sys.modules.get("mujoco"):  # imported with the first robot
                     mujoco.set_mju_user_warning(_show_model_warning)
-                self._envs.append(call(name, "making it", factory))
-            self._spec = self._checked_spec(name, suite, default_horizon)
+                self.environments.append(call(name, "making it", factory))
+            self.spec = self._checked_spec(name, suite, default_horizon)
         except BaseException:
-            for env in self._envs:
+            for env in self.environments:
                 with suppress(Exception):  # the first error is the one to show
                     env.close()
             raise
 
     def _checked_spec(self, name: str, suite: str, default_horizon: int | None) -> TaskSpec:
         """Return the spec of the environments if they are different objects with the same spaces."""
-        if len({id(env.unwrapped) for env in self._envs}) < len(self._envs):
+        if len({id(env.unwrapped) for env in self.environments}) < len(self.environments):
             raise PerdureError(
                 f"{name}: two lanes got the same environment; the function must build a new one each time"
             )
-        first = self._envs[0]
+        first = self.environments[0]
         limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)
-        self._space, self._action_space = first.observation_space, first.action_space
-        spec = spec_of(name, suite, first, (self._space, self._action_space), limit)
-        for env in self._envs[1:]:
+        self._space, self._action_space = self.spaces = first.observation_space, first.action_space
+        spec = spec_of(name, suite, first, self.spaces, limit)
+        for env in self.environments[1:]:
             if env.observation_space != self._space or env.action_space != self._action_space:
                 raise PerdureError(f"{name}: every lane must have the same spaces, got {env} beside {first}.")
         return spec
@@ -122,76 +122,63 @@ class GymnasiumWorld(TrackedWorld):
         module, _, registered = env_id.rpartition(":")
         try:
             if module:
-                _import(module, env_id)
+                call(f"gymnasium:{env_id}", f"importing {module}", import_module, module)
             spec = gymnasium.spec(registered)
-        except (gymnasium.error.Error, ImportError) as problem:
-            if module and isinstance(problem, ImportError):
-                absent = isinstance(problem, ModuleNotFoundError) and problem.name == module.partition(".")[0]
-                hint = "; put its folder on PYTHONPATH, or install it" if absent else ""
-                raise PerdureError(f"gymnasium:{env_id} cannot be imported: {problem}{hint}") from problem
+        except PerdureError as problem:
+            if not isinstance(cause := problem.__cause__, ImportError):
+                raise
+            absent = isinstance(cause, ModuleNotFoundError) and cause.name == module.partition(".")[0]
+            hint = "; put its folder on PYTHONPATH, or install it" if absent else ""
+            raise PerdureError(f"gymnasium:{env_id} cannot be imported: {cause}{hint}") from cause
+        except gymnasium.error.Error:
             known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
             raise unknown_task(f"gymnasium:{env_id}", known) from None
 
         factories = [partial(make_env, env_id, **options)] * len(checked_seeds(seeds))
         return cls(factories, seeds, name or f"gymnasium:{env_id}", default_horizon=spec.max_episode_steps)
 
-    @property
-    def environments(self) -> tuple[Any, ...]:
-        """The environment of each lane."""
-        return tuple(self._envs)
-
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen = self._tracker.lanes_to_reset(lanes)
-        observations = np.empty((len(chosen), self._spec.observation_size))
+        chosen = self.lanes_to_reset(lanes)
+        observations = np.empty((len(chosen), self.spec.observation_size))
         for row, lane in enumerate(chosen):
-            where, env = f"{self._spec.name}, lane {lane}", self._envs[lane]
+            where, env = f"{self.spec.name}, lane {lane}", self.environments[lane]
             returned = call(where, "reset", env.reset, seed=self._next_seeds[lane])
             observation, _ = read_tuple(where, "reset", returned, 2)
             self._next_seeds[lane] = None
             observations[row] = read_observation(where, "reset", self._space, observation)
-        self._tracker.begin(chosen)
+        self.begin(chosen)
         return observations
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`."""
         from perdure.wrappers import read_success
 
-        chosen = self._tracker.lanes_to_step(lanes)
-        shaped = shaped_actions(self._action_space, checked_actions(actions, chosen, self._spec))
-        observations = np.empty((len(chosen), self._spec.observation_size))
+        chosen = self.lanes_to_step(lanes)
+        shaped = shaped_actions(self._action_space, checked_actions(actions, chosen, self.spec))
+        observations = np.empty((len(chosen), self.spec.observation_size))
         rewards, successes = np.empty((2, len(chosen)))
         terminated, truncated, diverged = np.empty((3, len(chosen)), np.bool_)
-        steps = self._tracker.elapsed
+        steps = self.elapsed
         for row, lane in enumerate(chosen):
-            where = f"{self._spec.name}, lane {lane}, step {steps[lane] + 1}"
-            returned = call(where, "step", self._envs[lane].step, shaped[row])
+            where = f"{self.spec.name}, lane {lane}, step {steps[lane] + 1}"
+            returned = call(where, "step", self.environments[lane].step, shaped[row])
             observation, reward, ended, cut, info = read_tuple(where, "step", returned, 5)
             observations[row] = read_observation(where, "step", self._space, observation)
             rewards[row] = read_reward(where, reward)
             terminated[row], truncated[row] = read_flag(where, "terminated", ended), read_flag(where, "truncated", cut)
-            diverged[row] = divergence_count(self._envs[lane]) > 0
+            diverged[row] = divergence_count(self.environments[lane]) > 0
             successes[row] = read_success(where, info, self.success_key)
             self.infos[lane] = info
-        elapsed = self._tracker.advance(chosen, terminated | truncated)
+        elapsed = self.advance(chosen, terminated | truncated)
         return Step(observations, rewards, terminated, truncated, elapsed, diverged, successes)
 
     def close(self) -> None:
         """See `World.close`."""
-        if not self._tracker.closed:
-            self._tracker.closed = True
-            for env in self._envs:
+        if not self.closed:
+            self.closed = True
+            for env in self.environments:
                 env.close()
-
-
-def _import(module: str, env_id: str) -> None:
-    """Import a module that the user named; convert every error except ImportError to PerdureError."""
-    try:
-        call(f"gymnasium:{env_id}", f"importing {module}", import_module, module)
-    except PerdureError as error:
-        if isinstance(error.__cause__, ImportError):
-            raise error.__cause__ from None
-        raise
 
 
 def make_env(env_id: str, **options: Any) -> Any:
@@ -216,20 +203,18 @@ def lift(env: Any) -> list[tuple[Any, int]]:
 
 def _limits(env: Any) -> Iterator[Any]:
     """Yield the TimeLimit wrappers of a single environment; refuse a training horizon."""
-    from gymnasium import Wrapper
     from gymnasium.wrappers import TimeLimit
 
-    from perdure.wrappers import HorizonLimit
+    from perdure.wrappers import HorizonLimit, layers
 
-    while isinstance(env, Wrapper):
-        if isinstance(env, TimeLimit):
-            yield env
-        if isinstance(env, HorizonLimit):
+    for each in layers(env):
+        if isinstance(each, TimeLimit):
+            yield each
+        if isinstance(each, HorizonLimit):
             raise PerdureError(
-                f"{title_of(env)}: it ends episodes at a training horizon (HorizonLimit); give the environment without "
-                "it, and its steps as training_horizon"
+                f"{title_of(each)}: it ends episodes at a training horizon (HorizonLimit); give the environment "
+                "without it, and its steps as training_horizon"
             )
-        env = env.env
 
 
 def title_of(env: Any) -> str:

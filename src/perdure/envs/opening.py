@@ -113,7 +113,7 @@ class _Borrowed(VectorEnvWorld):
     """A world on a VectorEnv of the caller, which stays open when the world is closed."""
 
     def close(self) -> None:
-        self._tracker.closed = True
+        self.closed = True
 
 
 # Step limits

@@ -13,7 +13,6 @@ from perdure.envs.world import (
     BoolArray,
     FloatArray,
     IntArray,
-    LaneTracker,
     Step,
     TrackedWorld,
     checked_actions,
@@ -66,38 +65,44 @@ class VectorEnvWorld(TrackedWorld):
             modes = ", ".join(mode.name for mode in AutoresetMode)
             raise PerdureError(f"{name}: metadata['autoreset_mode'] must be one of {modes}, got {self._mode!r}.")
         self._env = env
-        self._space, self._action_space = env.single_observation_space, env.single_action_space
+        self._space, self._action_space = self.spaces = env.single_observation_space, env.single_action_space
         limit = default_horizon if default_horizon is not None else getattr(env.spec, "max_episode_steps", None)
         engine = getattr(env, "envs", [env])[0]
-        self._spec = spec_of(name, suite, engine, (self._space, self._action_space), limit)
-        self._tracker = LaneTracker(len(self._seeds))
+        self.spec = spec_of(name, suite, engine, self.spaces, limit)
+        super().__init__(len(self._seeds))
         self._episodes = np.zeros(len(self._seeds), dtype=np.int64)
         self._over = np.zeros(len(self._seeds), dtype=np.bool_)  # ended inside the vector, not reset since
         self._shown: FloatArray | None = None  # what the vector showed last, all lanes
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen = self._tracker.lanes_to_reset(lanes)
+        chosen = self.lanes_to_reset(lanes)
         mask = np.zeros(self.num_lanes, dtype=np.bool_)
         mask[chosen] = True
         shown = self._reset_inside(mask, [self._episode_seed(lane) for lane in range(self.num_lanes)])
         self._episodes[chosen] += 1
-        self._tracker.begin(chosen)
+        self.begin(chosen)
         return shown[chosen]
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`; all running lanes must be stepped together."""
         from gymnasium.vector import AutoresetMode
 
-        chosen = self._tracker.lanes_to_step(lanes)
-        self._refuse_leaving_lanes_behind(chosen)
-        clipped = checked_actions(actions, chosen, self._spec)
+        chosen = self.lanes_to_step(lanes)
+        behind = self.running
+        behind[chosen] = False
+        if behind.any():
+            raise PerdureError(
+                f"{self.spec.name}: a VectorEnv moves all lanes at once, but lanes {np.flatnonzero(behind)} are "
+                "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
+            )
+        clipped = checked_actions(actions, chosen, self.spec)
         if self._mode is AutoresetMode.DISABLED and self._over.any():
             self._reset_inside(self._over.copy(), [None] * self.num_lanes)
-        idle = np.clip(np.zeros(self._spec.action_size), self._spec.action_low, self._spec.action_high)
+        idle = np.clip(np.zeros(self.spec.action_size), self.spec.action_low, self.spec.action_high)
         everyone = np.tile(idle, (self.num_lanes, 1))
         everyone[chosen] = clipped
-        name = self._spec.name
+        name = self.spec.name
         returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
         batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)
         rewards = self._column("rewards", rewards, "fiu").astype(np.float64)
@@ -107,7 +112,7 @@ class VectorEnvWorld(TrackedWorld):
         last = self._shown
         if self._mode is AutoresetMode.SAME_STEP:
             last = self._with_final_observations(last, info)
-        elapsed = self._tracker.advance(chosen, self._over[chosen])
+        elapsed = self.advance(chosen, self._over[chosen])
         return Step(
             last[chosen],
             rewards[chosen],
@@ -120,8 +125,8 @@ class VectorEnvWorld(TrackedWorld):
 
     def close(self) -> None:
         """See `World.close`."""
-        if not self._tracker.closed:
-            self._tracker.closed = True
+        if not self.closed:
+            self.closed = True
             self._env.close()
 
     def _episode_seed(self, lane: int) -> int:
@@ -133,40 +138,31 @@ class VectorEnvWorld(TrackedWorld):
     def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
         """Reset the lanes of the mask; at the first call all lanes, because a vector must start as a whole."""
         if mask.all() or self._shown is None:
-            returned = call(self._spec.name, "reset", self._env.reset, seed=list(seeds))
-            observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
+            returned = call(self.spec.name, "reset", self._env.reset, seed=list(seeds))
+            observations, _ = read_tuple(self.spec.name, "reset", returned, 2)
             self._shown, self._over = self._rows("reset", observations), np.zeros_like(mask)
             return self._shown
         only_masked = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
         options = {"reset_mask": mask.copy()}
-        returned = call(self._spec.name, "reset", self._env.reset, seed=only_masked, options=options)
-        observations, _ = read_tuple(self._spec.name, "reset", returned, 2)
+        returned = call(self.spec.name, "reset", self._env.reset, seed=only_masked, options=options)
+        observations, _ = read_tuple(self.spec.name, "reset", returned, 2)
         shown = self._rows("reset", observations)
-        kept = ~mask & self._tracker.running
+        kept = ~mask & self.running
         if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
             raise PerdureError(
-                f"{self._spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
+                f"{self.spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
                 "not follow options['reset_mask'], or a wrapper mixes lanes; give its single environments to "
                 "GymnasiumWorld."
             )
         self._shown, self._over = shown, self._over & ~mask
         return shown
 
-    def _refuse_leaving_lanes_behind(self, chosen: IntArray) -> None:
-        behind = self._tracker.running
-        behind[chosen] = False
-        if behind.any():
-            raise PerdureError(
-                f"{self._spec.name}: a VectorEnv moves all lanes at once, but lanes {np.flatnonzero(behind)} are "
-                "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
-            )
-
     def _column(self, what: str, values: Any, kinds: str) -> Any:
         """Return one value for each lane, of one of NumPy's kinds."""
         array = np.asarray(values)
         if array.shape != (self.num_lanes,) or array.dtype.kind not in kinds:
             raise PerdureError(
-                f"{self._spec.name}: {what} must be {'bools' if kinds == 'b' else 'real numbers'} of shape "
+                f"{self.spec.name}: {what} must be {'bools' if kinds == 'b' else 'real numbers'} of shape "
                 f"({self.num_lanes},), step returned {array.dtype} of shape {array.shape}"
             )
         return array
@@ -178,12 +174,12 @@ class VectorEnvWorld(TrackedWorld):
 
         if not isinstance(self._space, Box):
             lanes = iterate(self._env.observation_space, batch)
-            return np.stack([read_observation(self._spec.name, method, self._space, lane) for lane in lanes])
+            return np.stack([read_observation(self.spec.name, method, self._space, lane) for lane in lanes])
         array = np.asarray(batch)
         shape = (self.num_lanes, *self._space.shape)
         if array.shape != shape or array.dtype.kind not in "fiub":
             raise PerdureError(
-                f"{self._spec.name}: {method} must return observations of shape {shape} made of real numbers, it "
+                f"{self.spec.name}: {method} must return observations of shape {shape} made of real numbers, it "
                 f"returned {array.dtype} of shape {array.shape}"
             )
         return array.astype(np.float64).reshape(self.num_lanes, -1)
@@ -209,14 +205,14 @@ class VectorEnvWorld(TrackedWorld):
         # In SAME_STEP mode the info of a lane that ended is of its reset; its last one is in final_info.
         renewed = self._over & (self._mode is AutoresetMode.SAME_STEP)
         infos = [lane_info(final if renewed[lane] else info, int(lane)) for lane in chosen]
-        return np.array([read_success(self._spec.name, each, self.success_key) for each in infos])
+        return np.array([read_success(self.spec.name, each, self.success_key) for each in infos])
 
     def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
         """Return observations, with the final one of lanes that the vector has already reset."""
         last = shown.copy()
         for lane in np.flatnonzero(self._over):
             final = _lane_of(self._space, info["final_obs"], int(lane))
-            last[lane] = read_observation(self._spec.name, "step (final_obs)", self._space, final)
+            last[lane] = read_observation(self.spec.name, "step (final_obs)", self._space, final)
         return last
 
 

@@ -154,12 +154,19 @@ class World(Protocol):
         """Release the simulators; the world cannot be used afterwards. Closing twice is allowed."""
 
 
-class LaneTracker:
-    """Keeps track of which lanes run, and for how many steps.
+class TrackedWorld:
+    """Base class of worlds: keeps track of which lanes run, and for how many steps.
 
     Before a world uses its simulator, it calls `lanes_to_reset` or `lanes_to_step`, which only check the arguments.
-    Afterwards it calls `begin` or `advance`. A refused call therefore changes neither the world nor the tracker.
+    Afterwards it calls `begin` or `advance`. A refused call therefore changes nothing.
     """
+
+    spec: TaskSpec
+    """See `World.spec`."""
+    spaces: tuple[Any, Any] = (None, None)
+    """See `World.spaces`."""
+    success_key: str | None = None
+    """Entry of the environment's infos that `Step.successes` has; None: is_success, or else success."""
 
     def __init__(self, num_lanes: int) -> None:
         """Start with no lane running."""
@@ -187,7 +194,9 @@ class LaneTracker:
         Raises:
             PerdureError: If a lane is not legal.
         """
-        return self._chosen(lanes)
+        if self.closed:
+            raise PerdureError("This world is closed; build a new one with make_world.")
+        return self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
 
     def begin(self, chosen: IntArray) -> None:
         """Record that these lanes, which were checked, begin a new episode."""
@@ -201,7 +210,7 @@ class LaneTracker:
         Raises:
             PerdureError: If a lane does not exist, is named twice, has ended or was never reset.
         """
-        chosen = self._chosen(lanes)
+        chosen = self.lanes_to_reset(lanes)
         running = self._running if chosen is self._everyone else self._running[chosen]
         if np.count_nonzero(running) != len(running):  # a third of the time of .all(), at every step
             raise PerdureError(self._why_not(chosen[~running]))
@@ -230,53 +239,13 @@ class LaneTracker:
         Raises:
             PerdureError: If a lane does not exist or is named twice.
         """
-        self._running[self._chosen(lanes)] = False
-
-    def _chosen(self, lanes: IntArray | None) -> IntArray:
-        if self.closed:
-            raise PerdureError("This world is closed; build a new one with make_world.")
-        return self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
+        self._running[self.lanes_to_reset(lanes)] = False
 
     def _why_not(self, stopped: IntArray) -> str:
         never = stopped[~self._begun[stopped]]
         if len(never):
             return f"Lanes {named_lanes(never)} were never reset; reset them before the first step."
         return f"Lanes {named_lanes(stopped)} have ended; reset them before they are stepped again."
-
-
-class TrackedWorld:
-    """Base class of worlds with a `LaneTracker`."""
-
-    _spec: TaskSpec
-    _tracker: LaneTracker
-    _space: Any = None
-    _action_space: Any = None
-    success_key: str | None = None
-    """Entry of the environment's infos that `Step.successes` has; None: is_success, or else success."""
-
-    @property
-    def spec(self) -> TaskSpec:
-        """See `World.spec`."""
-        return self._spec
-
-    @property
-    def spaces(self) -> tuple[Any, Any]:
-        """See `World.spaces`."""
-        return self._space, self._action_space
-
-    @property
-    def num_lanes(self) -> int:
-        """See `World.num_lanes`."""
-        return self._tracker.num_lanes
-
-    @property
-    def elapsed(self) -> IntArray:
-        """See `World.elapsed`."""
-        return self._tracker.elapsed
-
-    def abandon(self, lanes: IntArray) -> None:
-        """See `World.abandon`."""
-        self._tracker.abandon(lanes)
 
 
 def report_success(world: World, key: str | None) -> World:

@@ -6,12 +6,12 @@ import math
 from importlib import import_module
 from typing import Any
 
+from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import whole
 from perdure.evaluate.run import extrapolate
 from perdure.evaluate.table import ExtrapolationResult
 from perdure.report.estimates import estimate_table
-from perdure.report.schema import CALM
 
 try:
     BaseCallback: Any = import_module("stable_baselines3.common.callbacks").BaseCallback

@@ -24,8 +24,7 @@ from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
-from perdure.policy import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
-from perdure.policy.divergence import DivergenceDetector
+from perdure.policy import ClosedLoop, DivergenceDetector, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.network import one_thread
 from perdure.report.schema import MEASURES
 
@@ -355,7 +354,6 @@ class GoalRecorder:
         self.found[:, episodes] = np.where(known, found, np.nan)
 
 
-END_REASONS = ("survived", "terminated", "truncated", "diverged")
 SURVIVED, TERMINATED, TRUNCATED, DIVERGED = range(4)
 
 

@@ -23,17 +23,21 @@ from numpy.typing import NDArray
 
 from perdure.envs import OpenEnv, TaskSpec, World, make_world, report_success
 from perdure.errors import PerdureError
-from perdure.policy import FunctionPolicy, LoopStep, Policy, PolicyLike, Reference, measure_reference
-from perdure.policy.divergence import DivergenceDetector
+from perdure.policy import (
+    DivergenceDetector,
+    FunctionPolicy,
+    LoopStep,
+    Policy,
+    PolicyLike,
+    Reference,
+    measure_reference,
+)
+from perdure.policy.reference import EPISODES, FIRST_SEED
 from perdure.runs import Unit, Work, config_digest, write_atomic
 from perdure.schema import Number, read_json
 
-EPISODES = 20
-"""Episodes of each of the two policies; as many start states."""
 STEPS = 1000
 """Most steps of an episode."""
-FIRST_SEED = 500_000
-"""Episode k starts from world seed FIRST_SEED + k, as the reference episodes of a policy do."""
 FILE = "idle.json"
 REFERENCE = "reference.safetensors"
 MOST_CONSTANT = 16

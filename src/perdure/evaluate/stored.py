@@ -51,6 +51,7 @@ from perdure.runs import (
     config_digest,
     core_count,
     run_missing,
+    versions,
     write_result,
 )
 from perdure.schema import Parquet, checked, printable
@@ -90,10 +91,9 @@ def function_policy(
     world = source.make([FIRST_EVAL_SEED] * (source.lanes or 1))
     spec, spaces = world.spec, world.spaces
     world.close()
-    bounds = tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
     return FunctionPolicy(
         function,
-        TaskInfo(spec.name, spec.observation_size, *bounds, spec.discrete_actions),
+        TaskInfo.of(spec),
         spaces,
         recurrent,
         timed,
@@ -411,11 +411,9 @@ Versions = dict[str, str]
 
 def _versions(task: str) -> Versions:
     """Return what episodes of a task depend on: for Gymnasium's also MuJoCo, and the module or contract behind it."""
-    names = ("perdure", "envpool", "gymnasium", "numpy")
-    found = {name: version(name) for name in names}
     if not task.startswith("gymnasium:") and not is_contract(task):
-        return found
-    return {**found, "mujoco": version("mujoco"), **task_source_digest(task)}
+        return versions("envpool", "gymnasium", "numpy")
+    return {**versions("envpool", "gymnasium", "numpy", "mujoco"), **task_source_digest(task)}
 
 
 def _units(

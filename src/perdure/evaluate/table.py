@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perdure.evaluate.episodes import END_REASONS, SURVIVED, EpisodeRecords, EpisodeSpec, window_steps
-from perdure.evaluate.score import ScoreScale
-from perdure.evaluate.verdict import judge_episode
+from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec, window_steps
+from perdure.evaluate.score import ScoreScale, judge_episode
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
-from perdure.report.schema import GOALS, OUTCOMES
+from perdure.report.schema import END_REASONS, GOALS, OUTCOMES
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -62,7 +61,6 @@ class ExtrapolationResult:
         """
         from perdure.report import write_report, write_table
 
-        Path(out).mkdir(parents=True, exist_ok=True)
         notes = {"command": command, **made_with(), **self.files}
         write_table(Path(out) / TABLE, self.frame, notes)
         return write_report(self.frame, out, command, notes=notes)
@@ -71,7 +69,7 @@ class ExtrapolationResult:
     def holds(self) -> bool:
         """Whether all policies hold, or reach their goal, under every clock and disturbance."""
         from perdure.report.estimates import estimate_table
-        from perdure.report.summary import not_holding
+        from perdure.report.page import not_holding
 
         return not not_holding(estimate_table(self.frame))
 
@@ -81,21 +79,18 @@ class ExtrapolationResult:
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
-    def summary(self, by_training_run: bool = False) -> pl.DataFrame:
+    def summary(self) -> pl.DataFrame:
         """Return one row for each policy, clock and disturbance: episodes, returns, shares of outcomes, failures.
 
         The median is that of the Kaplan-Meier curve; null where less than half of the episodes failed. `policy_state`
         names every state of the policies in the row, such as "never worked, worked".
-
-        Args:
-            by_training_run: One row for each training run instead of one for all runs of a method; adds `train_seed`.
         """
         import polars as pl
 
         from perdure.report.groups import VERDICT, half_failed_by
 
         outcomes = [each for each in OUTCOMES if each not in ("cut", "unknown")]
-        keys = ["task", "policy", *(["train_seed"] if by_training_run else []), "clock", "disturbance"]
+        keys = ["task", "policy", "clock", "disturbance"]
         episodes = self.final().with_columns(verdict=VERDICT)
         medians = [
             half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())

@@ -17,16 +17,15 @@ from contextlib import ExitStack, closing, suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.disturbances import Disturbance, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
-from perdure.envs.disturbances import DisturbedWorld, disturbed_task
+from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.gymnasium import call, engine_of, make_env
 from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
@@ -41,15 +40,13 @@ from perdure.policy import ClosedLoop, EpisodePolicy, Policy, PolicyLike
 from perdure.policy.network import one_thread
 from perdure.policy.onnx import model_digest
 from perdure.report import wording
-from perdure.report.goals import GOOD, REACHES
-from perdure.report.groups import NO_CLOCK
+from perdure.report.groups import EPISODE_FAILURES, GOOD, NO_CLOCK, REACHES
 from perdure.report.page import STILLS
 from perdure.runs import Unit, Work, config_digest, run_missing, versions, write_atomic
 
 if TYPE_CHECKING:
     import polars as pl
 
-FAILURES = ("falls", "fails silently", "decays", "diverges")
 Met: TypeAlias = tuple[Disturbance, ...]
 BEFORE, AFTER = 5.0, 1.0
 """Seconds shown before a failure and after it."""
@@ -76,9 +73,6 @@ ENVPOOL = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "Inver
 """EnvPool's tasks that Gymnasium has under the same name."""
 VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
 """EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
-CONTACT_FORCES = 84
-ZERO_FORCES = {("Ant", "v3"), ("Ant", "v2"), ("Humanoid", "v2"), ("Humanoid", "v3"), ("Humanoid", "v4")}
-"""Tasks whose last CONTACT_FORCES observation components are zeros in EnvPool, as they were with MuJoCo 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +94,7 @@ class JudgedEpisode:
     @property
     def failed(self) -> bool:
         """Whether it falls, diverges, decays or fails silently."""
-        return self.outcome in FAILURES
+        return self.outcome in EPISODE_FAILURES
 
     @property
     def words(self) -> tuple[str, str]:
@@ -179,7 +173,7 @@ def watch(
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     refuse_import(policy.task.name, modules, "the policy")
-    render_env = find_render_env(policy.task.name, policy.task.observation_size)
+    render_env = find_render_env(policy.task.name)
     judge = Judge(policy, render_env.open(), steps)
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
     episode = judge.first_failure(clock, seeds, met) if until_failure else judge.judge(clock, seeds[:1], met)[0]
@@ -196,27 +190,11 @@ def watch(
     return Film(out, tuple(episodes), world, write_film(pictures, out, rate))
 
 
-class _ZeroForces(gymnasium.ObservationWrapper[Any, Any, Any]):
-    """Replaces the contact forces by zeros, or appends zeros if there are none."""
-
-    def __init__(self, env: Any, size: int) -> None:
-        super().__init__(env)
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
-        self._size = size
-
-    def observation(self, observation: Any) -> NDArray[np.float64]:
-        rows = np.zeros(self._size)
-        rows[:-CONTACT_FORCES] = observation[: len(rows) - CONTACT_FORCES]
-        return rows
-
-
 @dataclass(frozen=True)
 class RenderEnv:
     """An environment of Gymnasium: one of its MuJoCo robots, any other that renders rgb_array, or a contract."""
 
     env_id: str
-    forces: int | None = None
-    """Length of an observation whose contact forces are zeros; None: as the environment gives it."""
 
     def build(self) -> Any:
         """Return a new environment without a step limit."""
@@ -229,7 +207,7 @@ class RenderEnv:
             if "rgb_array" not in modes:
                 raise PerdureError(f"{self.env_id} cannot be filmed: it renders {modes}, and not rgb_array")
             env = make_env(self.env_id, render_mode="rgb_array")
-        return env if self.forces is None else _ZeroForces(env, self.forces)
+        return env
 
     def open(self) -> OpenEnv:
         """Return a source of worlds of this environment."""
@@ -239,16 +217,13 @@ class RenderEnv:
         return OpenEnv(lambda seeds: GymnasiumWorld([self.build] * len(seeds), seeds, name, default_horizon=limit))
 
 
-def find_render_env(task: str, observation_size: int) -> RenderEnv:
-    """Return the environment that is rendered instead of a task.
-
-    Args:
-        task: Its name, such as "Hopper-v3" or "gymnasium:Hopper-v5".
-        observation_size: Of its policies.
+def find_render_env(task: str) -> RenderEnv:
+    """Return the environment that is rendered instead of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5".
 
     Raises:
         PerdureError: If there is none.
     """
+    import_module("perdure.envs.copies")  # registers them
     if task.startswith(GYMNASIUM_PREFIX) or is_contract(task):
         return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))
     robot, _, version = task.partition("-")
@@ -257,7 +232,8 @@ def find_render_env(task: str, observation_size: int) -> RenderEnv:
             f"{task} cannot be filmed; films exist for {', '.join(ENVPOOL)}, and for environments of Gymnasium that "
             "render rgb_array (gymnasium:ID); for the home benchmark, see perdure home video"
         )
-    return RenderEnv(f"{robot}-{VERSIONS[version]}", observation_size if (robot, version) in ZERO_FORCES else None)
+    name = SIMULATED.get(f"{robot}-{version}".replace("v2", "v3"), f"{robot}-{VERSIONS[version]}")
+    return RenderEnv(name.removeprefix(GYMNASIUM_PREFIX))
 
 
 class Judge:
@@ -475,7 +451,7 @@ def add_stills(
 def draw_stills(work: Work, *, path: Path, digest: str, task: str, who: str, episode: JudgedEpisode) -> None:
     """Draw the stills of an episode into the work folder; the function of a unit."""
     policy, pictures = read_file(path, digest, task, None), list[Picture]()
-    render_env = find_render_env(task, policy.task.observation_size)
+    render_env = find_render_env(task)
     with closing(render_env.build()) as env:
         at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"
         apart = max(1, round(seconds / _step_seconds(env)))

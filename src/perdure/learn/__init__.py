@@ -3,9 +3,8 @@
 | file | what it holds |
 |---|---|
 | `config.py`, `presets.py` | settings; tuned hyperparameters of each task with their source, and the methods |
-| `algorithm.py` | the interface between a run and a learning algorithm |
 | `ppo.py`, `rollout.py`, `advantages.py`, `networks.py` | PPO; each iteration is a few compiled JAX programs |
-| `run.py`, `checkpoint.py` | runs in segments: seeds, checkpoints and the files that a run writes |
+| `run.py`, `checkpoint.py` | runs in segments: seeds, files, checkpoints, and what a run knows of its algorithm |
 """
 
 from perdure.learn.config import PPOConfig

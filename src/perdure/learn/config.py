@@ -18,10 +18,6 @@ OMITTED_DEFAULTS = ("learning_rate_decay", "log_std_end", "log_std_fall", "estim
 """Settings that stored runs and policy files name only where they differ from their default."""
 
 
-def _default_protocol() -> HorizonProtocol:
-    return HorizonProtocol(embedding=None, horizon=Fixed(1000), end="truncated", gamma=0.99, normalizer_gamma=0.99)
-
-
 @dataclass(frozen=True)
 class PPOConfig:
     """Settings of a training run, without task and seed. The defaults are those of Stable-Baselines3's ``PPO``.
@@ -32,7 +28,9 @@ class PPOConfig:
         PerdureError: If a value is out of its range or the rollout cannot be cut into whole minibatches.
     """
 
-    protocol: HorizonProtocol = field(default_factory=_default_protocol)
+    protocol: HorizonProtocol = field(
+        default_factory=lambda: HorizonProtocol(None, Fixed(1000), "truncated", gamma=0.99, normalizer_gamma=0.99)
+    )
     """How training treats time: embedding, training horizon T, meaning of its end, discounts."""
     total_steps: int = 1_000_000
     """Environment steps to train for, over all environments; rounded up to whole rollouts."""

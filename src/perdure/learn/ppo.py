@@ -1,4 +1,4 @@
-"""PPO as an algorithm (see `perdure.learn.algorithm`): `init`, `start`, `iterate` and `policy` over a tree of arrays.
+"""PPO as an algorithm (see `perdure.learn.checkpoint`): `init`, `start`, `iterate` and `policy` over a tree of arrays.
 
 `PPO.iterate` is one iteration from top to bottom: collect a rollout (`rollout.py`), prepare it (values, advantages and
 targets), then train several epochs of minibatches (`epoch`, `loss`, `adam_step`).
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import State, Transitions, make_estimator
-from perdure.learn.algorithm import Metrics
+from perdure.learn.checkpoint import Metrics
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (

@@ -114,15 +114,6 @@ PRESETS: dict[str, Callable[[str], Preset]] = {
 """Name to what makes the preset of a robot, such as "Hopper"."""
 
 
-def find_preset(task: str, name: str) -> Preset:
-    """Return the hyperparameters of a task in any of its versions ("Hopper-v3", "gymnasium:Hopper-v5").
-
-    Raises:
-        PerdureError: If there is no preset of that name.
-    """
-    return lookup(PRESETS, name, "preset")(robot_of(task))
-
-
 EPISODE_STEPS = 1000
 """Training horizon where the environment has no step limit of its own. The methods' horizons are written for it."""
 EPISODE, SHORT_EPISODE, RANDOM_EPISODE = Fixed(EPISODE_STEPS), Fixed(200), Uniform(200, EPISODE_STEPS)
@@ -174,15 +165,6 @@ METHODS: dict[str, Method] = {
 }
 
 
-def find_method(name: str) -> Method:
-    """Return a row of METHODS.
-
-    Raises:
-        PerdureError: If there is no such method.
-    """
-    return lookup(METHODS, name, "method")
-
-
 def method_config(
     method: str, task: str, observation_size: int, preset: str | None = None, limit: int = EPISODE_STEPS
 ) -> PPOConfig:
@@ -198,7 +180,8 @@ def method_config(
     Raises:
         PerdureError: If there is no such method or preset.
     """
-    chosen, tuned = find_method(method), find_preset(task, usual_preset(task) if preset is None else preset)
+    chosen = lookup(METHODS, method, "method")
+    tuned = lookup(PRESETS, usual_preset(task) if preset is None else preset, "preset")(robot_of(task))
     gamma = 1.0 if chosen.undiscounted else tuned.gamma
     protocol = HorizonProtocol(
         embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),

@@ -28,13 +28,12 @@ from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.horizon import Embedding, usual_preset
-from perdure.learn.algorithm import Algorithm
-from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
+from perdure.learn.checkpoint import Algorithm, RunState, load_checkpoint, save_checkpoint
 from perdure.learn.config import PPOConfig
 from perdure.learn.ppo import PPO
-from perdure.learn.presets import METHODS, ZOO, find_method, method_config
+from perdure.learn.presets import METHODS, ZOO, method_config
 from perdure.policy import Policy, measure_reference, save_policy
 from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, versions, write_atomic
 from perdure.runs.progress import Lines, total_share
@@ -77,7 +76,7 @@ class TrainRun:
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
         object.__setattr__(self, "preset", self.preset or usual_preset(self.task))
         if self.base_method is not None:
-            find_method(self.base_method)
+            lookup(METHODS, self.base_method, "method")
         if not self.seeds:
             raise PerdureError("a training run needs at least one seed")
         if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
@@ -295,10 +294,8 @@ class Segments:
         return RunState(seed, segment + 1, learner, np.concatenate(episodes), np.concatenate(iterations))
 
 
-@lru_cache(maxsize=1)
-def _segments(task: str, config: PPOConfig, threads: int, disturb: tuple[str, ...]) -> Segments:
-    """Keep the compiled programs from segment to segment."""
-    return Segments(task, config, threads, disturb)
+_segments = lru_cache(maxsize=1)(Segments)
+"""Keeps the compiled programs from segment to segment."""
 
 
 def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:

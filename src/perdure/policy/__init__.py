@@ -4,8 +4,7 @@
 |---|---|
 | `policy.py` | `Policy`, its `Normalizer`, `TaskInfo` |
 | `network.py` | the forward pass in NumPy, each row independent of the others |
-| `closed_loop.py` | policies of any origin (`PolicyLike`, `FunctionPolicy`) acting in a world |
-| `divergence.py` | detecting simulations that diverged |
+| `closed_loop.py` | policies of any origin (`PolicyLike`, `FunctionPolicy`) acting in a world; divergence |
 | `reference.py` | episodes within the training horizon |
 | `files.py` | `save_policy`, `load_policy`, `find_policy`: one safetensors file with a checksum |
 | `readers/` | models of Stable-Baselines3, sb3-contrib and CleanRL |
@@ -15,6 +14,7 @@
 from perdure.policy.closed_loop import (
     ActingEpisodes,
     ClosedLoop,
+    DivergenceDetector,
     EpisodePolicy,
     FunctionPolicy,
     LoopStep,
@@ -28,6 +28,7 @@ from perdure.policy.reference import Reference, measure_reference
 __all__ = [
     "ActingEpisodes",
     "ClosedLoop",
+    "DivergenceDetector",
     "EpisodePolicy",
     "FunctionPolicy",
     "LoopStep",

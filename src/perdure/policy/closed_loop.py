@@ -123,47 +123,45 @@ class ClosedLoop:
         for policy in {id(each.policy): each.policy for each in policies}.values():
             check_fit(policy, world)
         self.world = world
-        self._observations = world.reset()
-        if not np.isfinite(self._observations).all():
-            episode, component = np.argwhere(~np.isfinite(self._observations))[0]
+        self.observations = world.reset()
+        """Current observations of the running episodes, shape (n, observation_size)."""
+        if not np.isfinite(self.observations).all():
+            episode, component = np.argwhere(~np.isfinite(self.observations))[0]
             raise PerdureError(
                 f"{world.spec.name} starts an episode with observation[{component}] = "
-                f"{self._observations[episode, component]}; observations must be finite"
+                f"{self.observations[episode, component]}; observations must be finite"
             )
         self._elapsed = 0
-        self._running: IntArray = np.arange(world.num_lanes)
-        self._groups = _group(policies)
-
-    @property
-    def running(self) -> IntArray:
+        self.running: IntArray = np.arange(world.num_lanes)
         """Episodes that the next step will move, shape (n,)."""
-        return self._running
-
-    @property
-    def observations(self) -> FloatArray:
-        """Current observations of the running episodes, shape (n, observation_size)."""
-        return self._observations
+        rows: dict[int, list[int]] = {}
+        for row, each in enumerate(policies):
+            rows.setdefault(id(each.policy), []).append(row)
+        self._groups = [
+            _Group(policies[mine[0]].policy.start([policies[row].clock for row in mine]), np.array(mine))
+            for mine in rows.values()
+        ]
 
     def advance(self) -> LoopStep:
         """Move every running episode by one step; episodes that end in it are not running afterwards."""
-        before = self._observations
+        before = self.observations
         actions = self._act(before)
-        step = self.world.step(actions, self._running)
-        loop_step = LoopStep(self._running, before, step)
-        self._observations = step.observations
+        step = self.world.step(actions, self.running)
+        loop_step = LoopStep(self.running, before, step)
+        self.observations = step.observations
         self._elapsed += 1
         if step.ended.any():
-            self.drop(self._running[step.ended])
+            self.drop(self.running[step.ended])
         return loop_step
 
     def drop(self, episodes: NDArray[np.int64]) -> None:
         """Remove episodes; the other episodes are unaffected."""
-        stays = ~np.isin(self._running, episodes)
+        stays = ~np.isin(self.running, episodes)
         if stays.all():
             return
-        self.world.abandon(self._running[~stays])
-        self._observations = self._observations[stays]
-        self._running = self._running[stays]
+        self.world.abandon(self.running[~stays])
+        self.observations = self.observations[stays]
+        self.running = self.running[stays]
         place = np.cumsum(stays) - 1
         for group in self._groups:
             kept = stays[group.rows]
@@ -188,16 +186,6 @@ class _Group:
     acting: ActingEpisodes
     rows: IntArray
     """Their places among all running episodes, rising."""
-
-
-def _group(policies: Sequence[EpisodePolicy]) -> list[_Group]:
-    by_actor: dict[int, list[int]] = {}
-    for row, each in enumerate(policies):
-        by_actor.setdefault(id(each.policy), []).append(row)
-    return [
-        _Group(policies[rows[0]].policy.start([policies[row].clock for row in rows]), np.array(rows))
-        for rows in by_actor.values()
-    ]
 
 
 def check_fit(policy: PolicyLike, world: World) -> None:
@@ -303,15 +291,12 @@ class _FunctionEpisodes:
             )
             raise PerdureError(f"{error}; {wanted}") from error.__cause__
         if self._policy.recurrent:
-            actions, self._state = self._pair(actions)
+            if not isinstance(actions, tuple) or len(actions) != 2:
+                raise PerdureError(
+                    f"a recurrent function must return (actions, state), it returned {type(actions).__name__}"
+                )
+            actions, self._state = actions
         return self._rows(actions, elapsed)[self._running]
-
-    def _pair(self, returned: Any) -> tuple[Any, Any]:
-        if not isinstance(returned, tuple) or len(returned) != 2:
-            raise PerdureError(
-                f"a recurrent function must return (actions, state), it returned {type(returned).__name__}"
-            )
-        return returned
 
     def _rows(self, actions: Any, elapsed: int) -> FloatArray:
         """Return actions as rows of finite numbers, shape (episodes, action_size)."""
@@ -342,3 +327,105 @@ class _FunctionEpisodes:
     def _shape(self) -> tuple[int, ...]:
         space = self._policy.spaces[1]
         return (self._policy.task.action_size,) if space is None else tuple(space.shape)
+
+
+# Simulations that diverged
+
+
+REWARD_FACTOR = 10.0
+"""A reward is impossible if it exceeds this many times the largest before it ..."""
+REWARD_MARGIN = 50.0
+"""... plus this much, so that small first rewards do not make later ones look impossible."""
+FAR = 6.0
+"""Standard deviations from the first observation, in some component, that count as far away."""
+NEAR = 1.0
+"""Standard deviations from the first observation, in every component, that count as next to it."""
+SMALLEST_JUMP = 0.999 * (FAR - NEAR)
+"""A jump back moves some component by at least FAR - NEAR deviations (less rounding): a cheap first test."""
+
+
+class DivergenceDetector:
+    """Detects divergence from the rewards and first observations of each episode.
+
+    MuJoCo resets a diverging simulation to its start and only logs a warning. The episode seems to continue, and the
+    jump back gives one very large, often positive, reward. Any one of three signs ends the episode as "diverged"; the
+    reward of that step is not counted.
+
+    1. An observation or reward that is not finite, or the engine's own report.
+    2. A reward far outside the episode's earlier ones. A locomotion reward contains the speed, and a reset from x
+       meters away is a speed of x / dt.
+    3. A jump back: within one step the observation moves from far away to near the episode's first one, measured in
+       standard deviations of the policy's normalizer.
+
+    Signs 2 and 3 count only where the engine hides a divergence (`TaskSpec.hides_divergence`), and not in the last step
+    of an episode: elsewhere a reward of 100 is a goal, or the price of a fall. A reset within the first meters of an
+    episode, from an ordinary pose, shows none of the three signs. For Gymnasium environments in this process, also
+    inside a SyncVectorEnv, perdure reads MuJoCo's warnings, so that every divergence is detected. In other vector
+    environments only sign 1 applies.
+    """
+
+    def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64], hidden: bool) -> None:
+        """Start at the episodes' first observations.
+
+        Args:
+            first_observations: Shape (episodes, d).
+            scale: Standard deviation of each component as the episode's policy knows it, shape (episodes, d).
+            hidden: Whether the engine hides divergences.
+        """
+        self._hidden = hidden
+        self._first = first_observations.copy()
+        # A component that never varied in training says nothing about distance.
+        self._scale = np.where(scale > 1e-6, scale, np.inf)
+        self._per_deviation = 1.0 / self._scale
+        self._largest = np.zeros(len(first_observations))
+        self.signs = [""] * len(first_observations)
+        """What gave each episode away that has blown up, in words."""
+
+    def diverged(self, loop_step: LoopStep) -> NDArray[np.bool_]:
+        """Return which of the episodes in this step have diverged, shape (n,)."""
+        episodes, rewards, after = loop_step.episodes, loop_step.step.rewards, loop_step.step.observations
+        with np.errstate(invalid="ignore", over="ignore"):
+            size = np.abs(rewards)
+            largest = self._largest[episodes]
+            # The sum is finite only if every term is: one pass instead of two. Large finite terms may overflow, too.
+            bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1))
+            bad[bad] = ~(np.isfinite(rewards[bad]) & np.isfinite(after[bad]).all(axis=1))
+            bad |= loop_step.step.diverged
+            if self._hidden:
+                # The first reward has nothing to be compared with.
+                goes_on = (loop_step.step.elapsed > 1) & ~loop_step.step.ended
+                bad |= (size > REWARD_FACTOR * largest + REWARD_MARGIN) & goes_on
+            for row in np.flatnonzero(bad):
+                self.signs[episodes[row]] = _first_sign(loop_step, int(row))
+            if self._hidden:
+                back = self._jumped_back(loop_step)
+                for row in back[~bad[back]]:
+                    self.signs[episodes[row]] = "put back to its start within a step"
+                bad[back] = True
+        self._largest[episodes] = np.where(bad, largest, np.maximum(largest, size))
+        return bad
+
+    def _jumped_back(self, loop_step: LoopStep) -> NDArray[np.int64]:
+        """Return the rows of the episodes that moved from far away to their start in this step and did not end."""
+        episodes, before, after = loop_step.episodes, loop_step.before, loop_step.step.observations
+        change = after - before
+        change *= self._per_deviation[episodes]
+        jumps = np.abs(change, out=change) > SMALLEST_JUMP
+        if not np.count_nonzero(jumps):
+            return np.zeros(0, np.int64)
+        rows: IntArray = np.flatnonzero(jumps.any(axis=1) & ~loop_step.step.ended)
+        first, scale = self._first[episodes[rows]], self._scale[episodes[rows]]
+        was_far = (np.abs(before[rows] - first) / scale).max(axis=1) > FAR
+        is_near = (np.abs(after[rows] - first) / scale).max(axis=1) < NEAR
+        back: IntArray = rows[was_far & is_near]
+        return back
+
+
+def _first_sign(loop_step: LoopStep, row: int) -> str:
+    """Return the first sign of divergence other than the jump back to the start."""
+    if loop_step.step.diverged[row]:
+        return "reported by the physics engine"
+    if not np.isfinite(loop_step.step.observations[row]).all():
+        return "an observation that is not finite"
+    reward = loop_step.step.rewards[row]
+    return f"an impossible reward of {reward:.3g}" if np.isfinite(reward) else "a reward that is not finite"

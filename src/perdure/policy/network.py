@@ -21,7 +21,7 @@ from perdure.errors import PerdureError
 Float32Array = NDArray[np.float32]
 Weights = Mapping[str, NDArray[np.floating[Any]]]
 """By name. Stored in 16 or 32 bits; products are of 32 bits."""
-Activation = Callable[[Float32Array], Float32Array]
+Activation = Callable[[Any], Any]
 """Returns the activated values, shape kept; may write into its argument."""
 LARGEST_INPUT = 1e6
 """Inputs whose size is at most this never make a network overflow."""
@@ -68,6 +68,10 @@ class Perceptron:
                 f"the {name} network has weights that are not finite, or so large that a sum could overflow"
             )
         self._products = [RowInvariantMatmul(weight) for weight, _ in self._layers]
+        self.modulation_size = 0 if self._film is None else len(self._film.scales[0].matrix)
+        """Length of the part of an input that modulates hidden layers; 0 without modulation."""
+        self.input_size, self.output_size = len(self._layers[0][0]) + self.modulation_size, len(self._layers[-1][1])
+        """Lengths of one input and of one output."""
 
     def _largest_output(self) -> float:
         """Return a bound on the size of every sum in the network, over all inputs up to LARGEST_INPUT.
@@ -85,30 +89,17 @@ class Perceptron:
             bound = LARGEST_PROBE if self._bounded else 2.0 * bound + 2.0
         return largest
 
-    @property
-    def input_size(self) -> int:
-        """Length of one input."""
-        return len(self._layers[0][0]) + self.modulation_size
-
-    @property
-    def modulation_size(self) -> int:
-        """Length of the part of an input that modulates hidden layers; 0 without modulation."""
-        return 0 if self._film is None else self._film.size
-
-    @property
-    def output_size(self) -> int:
-        """Length of one output."""
-        return int(self._layers[-1][1].shape[0])
-
-    def __call__(self, inputs: Float32Array) -> Float32Array:
-        """Return outputs, shape (n, outputs), of inputs of shape (n, input_size)."""
+    def __call__(self, inputs: Any) -> Any:
+        """Return outputs, shape (n, outputs), of inputs (n, input_size): arrays, or values of an ONNX graph."""
+        if not isinstance(inputs, np.ndarray):
+            return self._pass(inputs)
         with one_thread():
             return self._pass(pad(inputs))[: len(inputs)]
 
-    def _pass(self, hidden: Float32Array) -> Float32Array:
+    def _pass(self, hidden: Any) -> Any:
         if self._film is not None:
             first = len(self._layers[0][0])
-            hidden, phi = (np.ascontiguousarray(part) for part in np.split(hidden, [first], axis=1))
+            hidden, phi = hidden[:, :first], hidden[:, first:]
         for layer, (product, (_, bias)) in enumerate(zip(self._products, self._layers, strict=True)):
             hidden = product(hidden)
             hidden += bias
@@ -182,12 +173,7 @@ class FiLM:
                     )
         return cls([RowInvariantMatmul(scale) for scale, _ in pairs], [RowInvariantMatmul(shift) for _, shift in pairs])
 
-    @property
-    def size(self) -> int:
-        """Length of phi."""
-        return len(self.scales[0].matrix)
-
-    def __call__(self, layer: int, sums: Float32Array, phi: Float32Array) -> Float32Array:
+    def __call__(self, layer: int, sums: Any, phi: Any) -> Any:
         """Return (1 + phi @ scale) * sums + phi @ shift, shape (n, width); n is a multiple of the largest tile."""
         factors = self.scales[layer](phi)
         factors += 1.0
@@ -219,9 +205,11 @@ class RowInvariantMatmul:
     def _tile(self) -> int:
         return next(tile for tile in TILES if _treats_rows_alike(tile, self.matrix))
 
-    def __call__(self, rows: Float32Array) -> Float32Array:
+    def __call__(self, rows: Any) -> Any:
         """Return rows @ matrix, shape (n, out), of rows (n, in); n must be a multiple of the largest tile."""
-        product: Float32Array = rows.reshape(-1, self._tile, len(self.matrix)) @ self.matrix
+        if not isinstance(rows, np.ndarray):  # a value in an ONNX graph
+            return rows @ self.matrix
+        product = np.ascontiguousarray(rows).reshape(-1, self._tile, len(self.matrix)) @ self.matrix
         return product.reshape(len(rows), -1)
 
 
@@ -273,33 +261,24 @@ def _libraries() -> list[Any]:
     return controllers
 
 
-def _elu(x: Float32Array) -> Float32Array:
-    result: Float32Array = np.where(x > 0, x, np.expm1(np.minimum(x, np.float32(0))))
-    return result
+def _elu(x: Any, alpha: float = 1.0) -> Any:
+    return np.maximum(x, np.float32(0)) + alpha * np.expm1(np.minimum(x, np.float32(0)))
 
 
-def _selu(x: Float32Array) -> Float32Array:
-    scale, alpha = np.float32(1.0507009873554805), np.float32(1.6732632423543772)
-    result: Float32Array = scale * np.where(x > 0, x, alpha * np.expm1(np.minimum(x, np.float32(0))))
-    return result
-
-
-def _sigmoid(x: Float32Array) -> Float32Array:
+def _sigmoid(x: Any) -> Any:
     from scipy.special import expit
 
-    result: Float32Array = expit(x)
-    return result
+    return expit(x)
 
 
-def _gelu(x: Float32Array) -> Float32Array:
+def _gelu(x: Any) -> Any:
     """Return x times the standard normal distribution function of x (the exact form, with erf)."""
     from scipy.special import erf
 
-    result: Float32Array = np.float32(0.5) * x * (1 + erf(x * np.float32(np.sqrt(0.5))))
-    return result
+    return np.float32(0.5) * x * (1 + erf(x * np.float32(np.sqrt(0.5))))
 
 
-def _softplus(x: Float32Array) -> Float32Array:
+def _softplus(x: Any) -> Any:
     return np.logaddexp(x, np.float32(0))
 
 
@@ -307,7 +286,7 @@ ACTIVATIONS: dict[str, Activation] = {
     "relu": lambda x: np.maximum(x, 0.0, out=x),
     "tanh": lambda x: np.tanh(x, out=x),
     "elu": _elu,
-    "selu": _selu,
+    "selu": lambda x: 1.0507009873554805 * _elu(x, 1.6732632423543772),
     "leaky_relu": lambda x: np.maximum(x, np.float32(0.01) * x),
     "sigmoid": _sigmoid,
     "silu": lambda x: x * _sigmoid(x),
@@ -315,4 +294,5 @@ ACTIVATIONS: dict[str, Activation] = {
     "softplus": _softplus,
     "mish": lambda x: x * np.tanh(_softplus(x)),
 }
-"""By the name that policy files use: PyTorch's functions with its default settings (`torch.nn`), in 32 bits."""
+"""By the name that policy files use: PyTorch's functions with its default settings (`torch.nn`), in 32 bits. All are
+made of ufuncs, which `perdure.policy.onnx` knows."""

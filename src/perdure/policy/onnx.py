@@ -6,7 +6,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
@@ -25,7 +25,6 @@ from perdure.runs import config_digest, file_digest, read_bounded, write_atomic
 __all__ = ["OnnxModel", "export_onnx", "is_onnx", "metadata"]
 
 
-Operator = Callable[["Value", Any], "Value"]
 State = dict[str, NDArray[Any]]
 """Arrays by the names of a model's inputs."""
 OPSET = 17
@@ -432,13 +431,14 @@ def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) ->
 def _model(policy: Policy, clock: Clock | None) -> Any:
     from onnx import TensorProto, checker, helper
 
-    graph = Graph()
-    times = _time_inputs(policy, clock)
-    action = _act(graph, policy, _phi(graph, policy, clock))
-    shapes: dict[str, list[str | int | None]] = {name: ["n"] for name in times}
+    graph, shapes = Graph(), dict[str, list[str | int]]()
+    if policy.has_clock and not isinstance(clock, Constant):
+        shapes = {name: ["n"] for name in (TIMES if clock is None else TIMES[:1])}
     shapes["observation"] = ["n", policy.task.observation_size]
     inputs = [helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape) for name, shape in shapes.items()]
     output = helper.make_tensor_value_info("action", TensorProto.DOUBLE, ["n", policy.task.action_size])
+    observation = Value(graph, "observation", 2)
+    action = policy.act_from(_inputs(policy, observation, _phi(policy, clock, observation)))
     nodes = [*graph.nodes, helper.make_node("Identity", [action.name], ["action"])]
     model = helper.make_model(
         helper.make_graph(nodes, "policy", inputs, [output], graph.constants),
@@ -462,107 +462,29 @@ def _notes(policy: Policy, clock: Clock | None) -> dict[str, str]:
     }
 
 
-def _time_inputs(policy: Policy, clock: Clock | None) -> tuple[str, ...]:
-    if not policy.has_clock or isinstance(clock, Constant):
-        return ()
-    return ("elapsed", "horizon") if clock is None else ("elapsed",)
-
-
-def _phi(graph: Graph, policy: Policy, clock: Clock | None) -> Value | None:
-    """Return phi of each row, shape (n, embedding_size), or (1, embedding_size) where it stands still."""
+def _phi(policy: Policy, clock: Clock | None, observation: Value) -> Value | None:
+    """Return phi of each row, shape (n, embedding_size)."""
     if not policy.has_clock:
         return None
+    graph = observation.graph
     if isinstance(clock, Constant):
-        return graph.constant(policy.embed(*clock.time(np.zeros(1))))
+        phi = policy.embed(*clock.time(np.zeros(1)))
+        rows = graph.node("Shape", observation, ndim=1, end=1)
+        shape = graph.node("Concat", rows, np.array(phi.shape[1:]), axis=0)
+        return graph.node("Expand", graph.constant(phi), shape, ndim=2)
     elapsed = Value(graph, "elapsed", 1)
     times = (elapsed, Value(graph, "horizon", 1)) if clock is None else clock.time(elapsed)
-    phi: Value = policy.protocol.embed(*times)
-    return phi
+    phi_of_rows: Value = policy.protocol.embed(*times)
+    return phi_of_rows
 
 
-def _act(graph: Graph, policy: Policy, phi: Value | None) -> Value:
-    hidden = _inputs(graph, policy, Value(graph, "observation", 2), phi)
-    layers = sum(name.startswith("policy.") and name.endswith(".weight") for name in policy.weights)
-    film = "policy.0.scale" in policy.weights
-    if film:
-        hidden, phi = _split(graph, hidden, policy.task.observation_size)
-    for layer in range(layers):
-        hidden = graph.node(
-            "Add", graph.node("MatMul", hidden, _matrix(policy, layer, "weight")), _matrix(policy, layer, "bias")
-        )
-        if layer < layers - 1:
-            if film:
-                scale, shift = (graph.node("MatMul", phi, _matrix(policy, layer, part)) for part in ("scale", "shift"))
-                factor = graph.node("Add", scale, np.float32(1))
-                hidden = graph.node("Add", graph.node("Mul", factor, hidden), shift)
-            hidden = _ACTIVATIONS[policy.activation](graph, hidden)
-    low, high = np.array(policy.task.action_low), np.array(policy.task.action_high)
-    if policy.squash is not None:
-        hidden = _squashed(graph, hidden, policy.squash.limit, low, high)
-    return graph.node("Min", graph.node("Max", graph.cast(hidden, np.float64), low), high)
-
-
-def _matrix(policy: Policy, layer: int, part: str) -> NDArray[np.float32]:
-    return np.asarray(policy.weights[f"policy.{layer}.{part}"], np.float32)
-
-
-def _split(graph: Graph, inputs: Value, first: int) -> tuple[Value, Value]:
-    """Return the first columns and the others."""
-    axis, end = np.array([1]), np.array([np.iinfo(np.int64).max])
-    head = graph.node("Slice", inputs, np.array([0]), np.array([first]), axis)
-    return head, graph.node("Slice", inputs, np.array([first]), end, axis)
-
-
-def _inputs(graph: Graph, policy: Policy, observation: Value, phi: Value | None) -> Value:
-    """Return the network's input: normalized observation and phi, 32 bits."""
-    if phi is not None:
-        phi = _for_each_row(graph, observation, phi, policy.protocol.embedding_size)
-    normalizer = policy.normalizer
+def _inputs(policy: Policy, observation: Value, phi: Value | None) -> Value:
+    """Return what `Policy.inputs` returns."""
+    normalizer: Any = policy.normalizer
     if phi is not None and policy.protocol.normalize_embedding:
-        observation, phi = graph.node("Concat", observation, phi, axis=1), None
-    scaled = (observation - normalizer.mean) / np.sqrt(normalizer.var + normalizer.epsilon)
-    seen = graph.cast(scaled.clip(-normalizer.clip, normalizer.clip), np.float32)
-    return seen if phi is None else graph.node("Concat", seen, graph.cast(phi, np.float32), axis=1)
-
-
-def _for_each_row(graph: Graph, observation: Value, phi: Value, size: int) -> Value:
-    """Repeat a constant phi, which is one row, for every observation."""
-    if not _is_constant(graph, phi):
-        return phi
-    rows = graph.node("Slice", graph.node("Shape", observation, ndim=1), np.array([0]), np.array([1]), np.array([0]))
-    return graph.node("Expand", phi, graph.node("Concat", rows, np.array([size]), axis=0), ndim=2)
-
-
-def _is_constant(graph: Graph, value: Value) -> bool:
-    return any(constant.name == value.name for constant in graph.constants)
-
-
-def _squashed(graph: Graph, outputs: Value, limit: float, low: NDArray[np.float64], high: NDArray[np.float64]) -> Value:
-    """See `TanhSquash`: the same operations in 32 bits, in the same order."""
-    bound, one, half = np.float32(limit), np.float32(1), np.float32(0.5)
-    low32, high32 = low.astype(np.float32), high.astype(np.float32)
-    scaled = graph.node("Tanh", graph.node("Min", graph.node("Max", outputs, -bound), bound))
-    share = graph.node("Mul", graph.node("Add", scaled, one), half)
-    return graph.node("Add", graph.node("Mul", share, high32 - low32), low32)
-
-
-def _gelu(graph: Graph, x: Value) -> Value:
-    erf = graph.node("Erf", graph.node("Mul", x, np.float32(np.sqrt(0.5))))
-    return graph.node("Mul", graph.node("Mul", x, np.float32(0.5)), graph.node("Add", erf, np.float32(1)))
-
-
-_ACTIVATIONS: dict[str, Callable[[Graph, Value], Value]] = {
-    "relu": lambda graph, x: graph.node("Relu", x),
-    "tanh": lambda graph, x: graph.node("Tanh", x),
-    "elu": lambda graph, x: graph.node("Elu", x),
-    "selu": lambda graph, x: graph.node("Selu", x, alpha=1.6732632423543772, gamma=1.0507009873554805),
-    "leaky_relu": lambda graph, x: graph.node("LeakyRelu", x, alpha=0.01),
-    "sigmoid": lambda graph, x: graph.node("Sigmoid", x),
-    "silu": lambda graph, x: graph.node("Mul", x, graph.node("Sigmoid", x)),
-    "gelu": lambda graph, x: _gelu(graph, x),
-    "softplus": lambda graph, x: graph.node("Softplus", x),
-    "mish": lambda graph, x: graph.node("Mul", x, graph.node("Tanh", graph.node("Softplus", x))),
-}
+        observation, phi = observation.beside(phi), None
+    seen: Value = normalizer(observation).astype(np.float32)
+    return seen if phi is None else seen.beside(phi.astype(np.float32))
 
 
 def _compare(policy: Policy, clock: Clock | None, model: OnnxModel) -> None:
@@ -584,18 +506,9 @@ def _compare(policy: Policy, clock: Clock | None, model: OnnxModel) -> None:
         )
 
 
-def _pair(kind: str) -> tuple[Operator, Operator]:
-    """Return the methods of a Python operator and of the same one with exchanged sides."""
-    return lambda value, other: value._with(kind, other), lambda value, other: value._with(kind, other, swapped=True)
-
-
 @dataclass(eq=False)
 class Graph:
-    """Nodes and constants in the order in which they were made.
-
-    Embeddings and clocks are written with operators only, so that one body serves NumPy and traced JAX arrays. The same
-    body, given a `Value`, leaves its nodes in a graph: a third-party embedding is exported without ONNX code.
-    """
+    """Nodes and constants in the order in which they were made."""
 
     nodes: list[Any] = field(default_factory=list)
     constants: list[Any] = field(default_factory=list)
@@ -608,13 +521,16 @@ class Graph:
         self.constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
         return Value(self, name, np.ndim(array))
 
-    def node(self, kind: str, *inputs: Any, ndim: int | None = None, **attributes: Any) -> Value:
+    def node(
+        self, kind: str, *inputs: Any, ndim: int | None = None, dtype: Any = np.float64, **attributes: Any
+    ) -> Value:
         """Add an operator.
 
         Args:
             kind: Name of the operator.
-            inputs: Values; arrays and numbers become constants.
+            inputs: Values; arrays become constants.
             ndim: Dimensions of the result; by default the most that an input has.
+            dtype: Of the result.
             attributes: Of the operator.
         """
         from onnx import helper
@@ -622,56 +538,67 @@ class Graph:
         values = [each if isinstance(each, Value) else self.constant(each) for each in inputs]
         name = f"{kind.lower()}_{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, [value.name for value in values], [name], **attributes))
-        return Value(self, name, max(value.ndim for value in values) if ndim is None else ndim)
+        return Value(self, name, max(value.ndim for value in values) if ndim is None else ndim, dtype)
 
-    def cast(self, value: Value, dtype: type[np.generic]) -> Value:
-        """Convert a value to another type of number."""
-        from onnx import helper
 
-        return self.node("Cast", value, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+OPERATORS = {
+    **{"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div", "power": "Pow", "matmul": "MatMul"},
+    **{"maximum": "Max", "minimum": "Min", "negative": "Neg", "greater": "Greater", "less": "Less"},
+    **{"exp": "Exp", "tanh": "Tanh", "expit": "Sigmoid", "erf": "Erf"},
+}
+"""NumPy's and SciPy's functions of arrays, and the operators of ONNX that compute the same."""
 
 
 @dataclass(frozen=True, eq=False)
-class Value:
-    """A tensor of 64-bit numbers in a graph, with as much of NumPy's interface as embeddings and clocks use."""
+class Value(np.lib.mixins.NDArrayOperatorsMixin):
+    """A tensor in a graph, with as much of NumPy's interface as policies, embeddings and clocks use.
+
+    What computes actions from arrays leaves its nodes in the graph where it is given a value: a third-party embedding,
+    too, is exported without ONNX code.
+    """
 
     graph: Graph
     name: str
     ndim: int
+    dtype: Any = np.float64
 
-    __array_ufunc__ = None  # NumPy's arrays leave their operators with a value to it
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, out: Any = None) -> Any:
+        """Add the operator of a function of NumPy. The result is always a new value, also in place of `out`."""
+        values = [each if isinstance(each, Value) else np.asarray(each, self.dtype) for each in inputs]
+        kind = function.__name__
+        if kind == "expm1":
+            return np.exp(values[0]) - 1.0
+        if kind == "logaddexp":
+            return self._node("Softplus", values[0] - values[1]) + values[1]
+        if kind == "remainder":  # C's fmod, which is Python's % where nothing is negative
+            return self._node("Mod", *values, fmod=1)
+        if kind not in OPERATORS or method != "__call__":
+            return NotImplemented
+        found = self._node(OPERATORS[kind], *values)
+        return found.astype(self.dtype) if kind in ("greater", "less") else found
 
-    def _with(self, kind: str, other: Any, swapped: bool = False, **attributes: Any) -> Value:
-        operand = other if isinstance(other, Value) else np.asarray(other, np.float64)
-        pair = (operand, self) if swapped else (self, operand)
-        return self.graph.node(kind, *pair, **attributes)
-
-    __add__, __radd__ = _pair("Add")
-    __mul__, __rmul__ = _pair("Mul")
-    __sub__, __rsub__ = _pair("Sub")
-    __truediv__, __rtruediv__ = _pair("Div")
-    __pow__, __rpow__ = _pair("Pow")
-
-    def __mod__(self, other: Any) -> Value:
-        return self._with("Mod", other, fmod=1)  # C's fmod, which is Python's % where nothing is negative
-
-    def __neg__(self) -> Value:
-        return self.graph.node("Neg", self)
-
-    def __gt__(self, other: Any) -> Value:
-        return self.graph.cast(self._with("Greater", other), np.float64)
-
-    def __lt__(self, other: Any) -> Value:
-        return self.graph.cast(self._with("Less", other), np.float64)
+    def _node(self, kind: str, *inputs: Any, **attributes: Any) -> Value:
+        return self.graph.node(kind, *inputs, dtype=self.dtype, **attributes)
 
     def __getitem__(self, index: Any) -> Value:
-        """Add a last dimension, the one index that embeddings use."""
-        if index != (..., None):
-            raise TypeError(f"only [..., None] can be written in ONNX here, not [{index!r}]")
-        axes: NDArray[np.int64] = np.array([-1])
-        return self.graph.node("Unsqueeze", self, axes, ndim=self.ndim + 1)
+        if index == (..., None):
+            return self._node("Unsqueeze", self, np.array([-1]), ndim=self.ndim + 1)
+        if not (isinstance(index, tuple) and len(index) == 2 and index[0] == slice(None)):
+            raise TypeError(f"only [..., None] and [:, first:end] can be written in ONNX here, not [{index!r}]")
+        first, end, _ = index[1].indices(np.iinfo(np.int64).max)
+        return self._node("Slice", self, np.array([first]), np.array([end]), np.array([1]))
+
+    def astype(self, dtype: Any) -> Value:
+        """Convert to another type of number."""
+        from onnx import helper
+
+        return self.graph.node("Cast", self, dtype=dtype, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+    def beside(self, other: Value) -> Value:
+        """Return the columns of both, shape (n, ...)."""
+        return self._node("Concat", self, other, axis=1)
 
     def clip(self, min: float | None = None, max: float | None = None) -> Value:
         """Clip to a range, like NumPy's method."""
-        result = self if min is None else self._with("Max", min)
-        return result if max is None else result._with("Min", max)
+        result = self if min is None else self._node("Max", self, np.asarray(min, self.dtype))
+        return result if max is None else result._node("Min", result, np.asarray(max, self.dtype))

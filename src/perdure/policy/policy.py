@@ -148,9 +148,14 @@ class Policy:
 
     def act_with(self, observations: ArrayLike, phi: FloatArray) -> FloatArray:
         """Act like :meth:`act`, with phi from :meth:`embed`, shape (n, embedding_size)."""
-        outputs, (low, high) = self._actor(self.inputs(observations, phi)), self._box
+        actions: FloatArray = self.act_from(self.inputs(observations, phi))
+        return actions
+
+    def act_from(self, inputs: Any) -> Any:
+        """Act like :meth:`act`, from what :meth:`inputs` returns, or from a value of it in an ONNX graph."""
+        outputs, (low, high) = self._actor(inputs), self._box
         actions = outputs.astype(np.float64) if self.squash is None else self.squash(outputs, low, high)
-        np.maximum(actions, low, out=actions)
+        actions = np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
 
     def start(self, clocks: Sequence[Clock | None]) -> PolicyEpisodes:
@@ -223,7 +228,9 @@ class Policy:
         """
         if not self.has_critic:
             raise PerdureError(f"this {self.task.name} policy was saved without its critic, so it has no value")
-        return self._critic(self.inputs(observations, self.embed(elapsed, horizons)))[:, 0].astype(np.float64)
+        inputs = self.inputs(observations, self.embed(elapsed, horizons))
+        values: FloatArray = self._critic(inputs)[:, 0].astype(np.float64)
+        return values
 
     def embed(self, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
         """Return phi of these times, float64, shape (n, embedding_size)."""
@@ -333,7 +340,7 @@ class Normalizer:
         """Return (observations - mean) / sqrt(var + epsilon), clipped to +-clip, in the same shape."""
         scaled = observations - self.mean
         scaled /= self._std
-        np.maximum(scaled, -self.clip, out=scaled)  # np.clip takes longer than the rest together
+        scaled = np.maximum(scaled, -self.clip, out=scaled)  # np.clip takes longer than the rest together
         return np.minimum(scaled, self.clip, out=scaled)
 
 

@@ -5,8 +5,7 @@
     estimates.py   estimates of each group, the verdict on it in words, the best clock
     charts.py      charts as plain functions; a figure as PNG, SVG, PDF, or as a specification in a page
     figures.py     which figures a table gives
-    page.py        write_report: `page.html` with figures and tables, the figures as files beside it
-    summary.py     the summary as JSON, and which groups do not hold
+    page.py        write_report: `page.html` with figures and tables, the figures beside it; the summary as JSON
     wording.py     numbers for readers
 
 Intervals are from `perdure.stats`. Charts are Vega-Lite specifications, which vl-convert draws; `charts`

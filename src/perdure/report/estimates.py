@@ -16,11 +16,22 @@ from itertools import groupby, takewhile
 import numpy as np
 import polars as pl
 
-from perdure.disturbances import FACTORS
+from perdure.disturbances import CALM, FACTORS
 from perdure.report import wording
-from perdure.report.goals import GOOD, MISSES, REACHES, goal_evidence, reaching, walk_evidence
-from perdure.report.groups import EPISODE_FAILURES, NO_CLOCK, Group, failure_times, make_groups
-from perdure.report.schema import CALM, Episodes, IntArray
+from perdure.report.groups import (
+    EPISODE_FAILURES,
+    GOOD,
+    MISSES,
+    NO_CLOCK,
+    REACHES,
+    Group,
+    failure_times,
+    goal_evidence,
+    make_groups,
+    reaching,
+    walk_evidence,
+)
+from perdure.report.schema import Episodes, IntArray
 from perdure.stats import (
     FailureRate,
     FloatArray,

@@ -12,8 +12,7 @@ import numpy as np
 from perdure.report import charts, wording
 from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
 from perdure.report.estimates import Estimate, best_clock
-from perdure.report.goals import MISSES, REACHES
-from perdure.report.groups import failure_times
+from perdure.report.groups import MISSES, REACHES, failure_times
 from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval, kaplan_meier
 
 MOST_CURVES = 8

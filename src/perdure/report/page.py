@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
+import math
 import os
+import platform
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,9 +37,9 @@ from perdure.report.estimates import (
     headline,
 )
 from perdure.report.figures import make_figures
-from perdure.report.goals import GOOD, success_cells
-from perdure.report.schema import IMPORTED, TABLE, read_episodes
-from perdure.runs import write_atomic
+from perdure.report.groups import GOOD, medians, success_cells
+from perdure.report.schema import IMPORTED, read_episodes
+from perdure.runs import versions, write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
 
@@ -282,10 +285,6 @@ def _half_failed_by(item: Estimate) -> str:
     return wording.whole(steps) if np.isfinite(steps) else "\u2013"
 
 
-def _column_mean(name: str, item: Estimate) -> str:
-    return _mean(item.group[name])
-
-
 END_SCORE = "end vs training"
 _CELLS: dict[str, Callable[[Estimate], str]] = {
     "policy": lambda item: item.group.line,
@@ -297,7 +296,7 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
     "verdict": lambda item: item.verdict.label,
     END_SCORE: lambda item: wording.quantity(float(item.final_score.estimate)),
     "running": lambda item: _mean(item.group.alive[:, -1]),
-    **{column.shown: partial(_column_mean, name) for name, column in TABLE.items() if column.shown},
+    "ever idle": lambda item: _mean(item.group["ever_idle"]),
     "training vs published": lambda item: _mean(item.group["training_score"]),
     "half failed by": _half_failed_by,
     "episodes that": lambda item: _outcomes(item.group.verdicts),
@@ -358,3 +357,52 @@ def _clock_rows(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iter
                 better = f"{int((difference > 0).sum())} of {wording.count(len(mine), 'episode')}"
                 middle = wording.quantity(float(found.estimate))
                 yield line, group.clock, first.clock, middle, _bounds(found), better, _over(found)
+
+
+# The summary of a table for machines
+
+
+def not_holding(estimates: Estimates) -> list[str]:
+    """Return who does not hold, such as "ppo: falls in 4 of 10 episodes", or why it cannot tell."""
+    verdicts = [item.verdict for items in estimates.values() for item in items]
+    found = [verdict for verdict in verdicts if verdict.label not in GOOD]
+    return [each.sentence.rstrip(".") if each.label == "cannot tell" else each.short for each in found]
+
+
+def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
+    """Return the summary of a table and its report as JSON; docs/reference/table.md describes its names."""
+    document = {
+        "holds": not not_holding(estimates),
+        "groups": [_group(item) for items in estimates.values() for item in items],
+        "table": str(table.resolve()),
+        "page": str(page.resolve()),
+        "versions": {"python": platform.python_version(), **versions("envpool", "gymnasium", "mujoco", "numpy")},
+    }
+    return json.dumps(document, indent=2, allow_nan=False)
+
+
+def _group(item: Estimate) -> dict[str, Any]:
+    group, share = item.group, item.verdict.share
+    rate = group.failure_rate
+    hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
+    return {
+        "task": group.task,
+        "policy": group.line.removesuffix(f" under {group.disturbance}"),
+        "clock": group.clock,
+        "disturbance": group.disturbance,
+        "episodes": group.episodes,
+        "steps": group.test_horizon,
+        "verdict": item.verdict.label,
+        "outcomes": dict(Counter(group.verdicts)),
+        "share_that_holds": _numbers(estimate=share.estimate, low=share.lower, high=share.upper),
+        "mean_return": _numbers(estimate=item.returns.estimate, low=item.returns.lower, high=item.returns.upper),
+        **_numbers(median_failure_step=group.half_failed_by),
+        "failures_per_hour": hourly,
+        "measures": medians(group),
+    }
+
+
+def _numbers(**values: Any) -> dict[str, float | None]:
+    """Return the last number of each value; None where it is unknown."""
+    last = {name: float(np.ravel(value)[-1]) for name, value in values.items()}
+    return {name: value if math.isfinite(value) else None for name, value in last.items()}

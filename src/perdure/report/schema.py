@@ -2,9 +2,9 @@
 
 An episode is one deployed run: a policy under a clock from a start state.
 
-`TABLE` declares every column once: its type, what it may hold, what it means, and how the report shows it. All episodes
-of a task under one disturbance share their recorded steps. The file's key-value metadata holds `schema`, `version`, the
-SHA-256 of the file and what the writer adds, such as the `command`.
+`TABLE` declares every column once: its type, what it may hold and what it means. All episodes of a task under one
+disturbance share their recorded steps. The file's key-value metadata holds `schema`, `version`, the SHA-256 of the file
+and what the writer adds, such as the `command`.
 
 """
 
@@ -23,6 +23,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns
@@ -44,8 +45,6 @@ class Column:
     """What it means, with its unit."""
     of: Literal["key", "episode", "step"] = "episode"
     """Whether it identifies the episode, describes it (equal in all its rows), or changes from step to step."""
-    shown: str = ""
-    """Heading of its mean over episodes in the report's table; "": not shown there."""
 
     @property
     def type(self) -> type[pl.DataType]:
@@ -76,9 +75,6 @@ OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "reaches i
 
 GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0.0}
 """Columns about successes, with the value of an episode that has none."""
-CALM = "none"
-"""`disturbance` of an episode that nothing disturbed."""
-
 IMPORTED = "imported"
 """Folder, beside the results, of policies made of other libraries' models."""
 TABLE: dict[str, Column] = {
@@ -133,9 +129,7 @@ TABLE: dict[str, Column] = {
         "score against its own training in the last tenth, or before the episode ended: (rate - idle_rate) / "
         "(training_rate - idle_rate), 0: an idle robot, 1: as in training; nan: not known",
     ),
-    "ever_idle": Column(
-        Flag(), "two consecutive windows, at any time, scored below 0.25: hardly better than idle", shown="ever idle"
-    ),
+    "ever_idle": Column(Flag(), "two consecutive windows, at any time, scored below 0.25: hardly better than idle"),
 }
 _MEASURE = Real(0.0, unknown=True)
 MEASURES: dict[str, Column] = {

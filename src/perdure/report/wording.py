@@ -53,13 +53,6 @@ def sample(counts: Sequence[int], noun: str) -> str:
     return f"n = {count(most, noun)}" + (" each" if len(counts) > 1 else "")
 
 
-def horizon(value: float) -> str:
-    """Return the training horizon in words."""
-    if math.isnan(value):
-        return "the training horizon is unknown"
-    return f"the training horizon was {whole(value)} steps" if math.isfinite(value) else "it was trained without an end"
-
-
 def count(number: int, noun: str) -> str:
     """Format (1, "episode") as "1 episode" and (3, "episode") as "3 episodes"."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

@@ -3,7 +3,7 @@
 | file | what it holds |
 |---|---|
 | `store.py` | `Store`: one folder per finished unit, written atomically; `Unit`, and `attempt` to run one |
-| `run.py` | `run_units`: run a graph of units on workers; status, failures |
+| `run.py` | `run_missing`: run a graph of units on workers; status, failures |
 | `workers.py` | worker processes on this machine, bound to idle cores; tasks on a Ray cluster |
 | `identity.py` | the SHA-256 of a config, a unit's record, versions of packages |
 | `files.py` | `write_atomic`: replace a file atomically; `read_bounded`: regular files only; locks |
@@ -12,7 +12,7 @@
 
 from perdure.runs.files import open_regular, read_bounded, refuse_replacing, write_atomic, write_result
 from perdure.runs.identity import config_digest, file_digest, versions
-from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing, run_units
+from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing
 from perdure.runs.store import Store, Unit, Work, attempt
 from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, check_on, core_count, make_workers
 
@@ -38,7 +38,6 @@ __all__ = [
     "read_unit_progress",
     "refuse_replacing",
     "run_missing",
-    "run_units",
     "versions",
     "write_atomic",
     "write_result",

@@ -152,61 +152,32 @@ def held(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[Non
     try:
         yield
     finally:
-        release(descriptor, path)
+        os.close(descriptor)
 
 
 def acquire(path: Path, wait: bool = False) -> int | None:
-    """Lock the file at `path`; create it if it does not exist.
+    """Lock the file at `path`; create it if it does not exist. It stays: a new one would be another lock.
 
     Args:
         path: The lock file. Its folder must exist.
         wait: Wait for another holder instead of giving up.
 
     Returns:
-        An open file descriptor that holds the lock until `release`, or None when somebody else holds it.
-    """
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            lock_file(descriptor, path, wait)
-        except BlockingIOError:
-            os.close(descriptor)
-            return None
-        except BaseException:
-            os.close(descriptor)
-            raise
-        if is_still_at(descriptor, path):
-            return descriptor
-        # Between open and flock the former holder removed the file: what we locked is no longer at this path.
-        os.close(descriptor)
-
-
-def release(descriptor: int, path: Path) -> None:
-    """Remove the lock file, then release the lock, so that no process locks a deleted file."""
-    path.unlink(missing_ok=True)
-    os.close(descriptor)
-
-
-def lock_file(descriptor: int, path: Path, wait: bool) -> None:
-    """Lock an open file, which lies at `path`.
+        An open file descriptor, which holds the lock until it is closed, or None when somebody else holds it.
 
     Raises:
-        BlockingIOError: Another process has locked it, and `wait` is False.
         PerdureError: Its file system has no locks.
     """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
+    except BlockingIOError:
+        os.close(descriptor)
+        return None
+    except BaseException as error:
+        os.close(descriptor)
+        if isinstance(error, OSError) and error.errno in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
             text = f"{path.parent} is on a file system without file locks (flock); choose another"
             raise PerdureError(text) from error
         raise
-
-
-def is_still_at(descriptor: int, path: Path) -> bool:
-    """Return whether the open file `descriptor` is the one that now lies at `path`."""
-    try:
-        there = os.stat(path)
-    except FileNotFoundError:
-        return False
-    return os.path.samestat(os.fstat(descriptor), there)
+    return descriptor

@@ -21,7 +21,7 @@ HANG_SECONDS = 30.0
 
 @contextmanager
 def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
-    """Yield an observer for `run_units` that shows a run on standard error for the duration of a block.
+    """Yield an observer for `run_missing` that shows a run on standard error for the duration of a block.
 
     Args:
         title: What runs.

@@ -48,15 +48,15 @@ Status = Mapping[str, UnitProgress]
 Observer = Callable[[Status], None]
 
 
-def run_units(
+def run_missing(
     units: Sequence[Unit],
     root: str | Path,
-    workers: Workers | None = None,
+    on: str = "here",
+    cores: int | None = None,
     observe: Observer = lambda status: None,
-    threads: int = 1,
     waiting: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run every unit that is not finished. The same call resumes a killed one.
+    """Run every unit that is not finished; start nothing if all are. The same call resumes a killed one.
 
     Units that another command is running are waited for. A unit that fails does not stop those that do not depend on
     it; its error is recorded in the store.
@@ -64,52 +64,28 @@ def run_units(
     Args:
         units: The graph. Each comes after those named in its `after`.
         root: Folder of the store.
-        workers: Processes that run them; by default this process, one unit after the other.
+        on: Where: see `make_workers`.
+        cores: Cores to use; all by default.
         observe: Called with the status of all units, about four times a second and at every report in this process.
-        threads: Cores for a unit that runs in this process.
         waiting: Called once, before waiting for units that other commands run, unless a unit has failed. What it raises
             ends the run.
 
     Raises:
         PerdureError: Units failed; raised when nothing more can be run.
-        PerdureError: A unit cannot be stored, or two of one key differ.
+        PerdureError: `on` or `cores` is out of range, a unit cannot be stored or was finished with another config, or
+            two of one key differ.
     """
-    run = _Run(units, Store(root), observe, waiting)
+    store = Store(root)
+    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
+    if not missing:
+        return
+    workers, run = make_workers(on, missing, cores), _Run(units, store, observe, waiting)
     if workers is None:
-        run.run_here(threads)
+        run.run_here(core_count(cores))
     else:
         with workers:
             run.run_on(workers)
     run.raise_failures()
-
-
-def run_missing(
-    units: Sequence[Unit],
-    root: str | Path,
-    on: str,
-    cores: int | None = None,
-    observe: Observer = lambda status: None,
-    waiting: Callable[[], None] = lambda: None,
-) -> None:
-    """Run the units that are not finished where `make_workers` says; start nothing if all are.
-
-    Args:
-        units: See `run_units`, as the other arguments.
-        root: Folder of the store.
-        on: See `make_workers`.
-        cores: Cores to use; all by default.
-        observe: Called with the status of all units.
-        waiting: See `run_units`.
-
-    Raises:
-        PerdureError: Units failed, or `on` or `cores` is out of range.
-        PerdureError: A unit cannot be stored, or was finished with another config.
-    """
-    store = Store(root)
-    missing = [unit for unit in units if not store.done(unit.key, unit.config)]
-    if missing:
-        workers = make_workers(on, missing, cores)
-        run_units(units, root, workers, observe, threads=core_count(cores), waiting=waiting)
 
 
 def read_unit_progress(

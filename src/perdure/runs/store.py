@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError
-from perdure.runs.files import acquire, held, release, sync
+from perdure.runs.files import acquire, held, sync
 from perdure.runs.identity import RECORD, Identity, check_key, source_digest
 from perdure.schema import LARGEST, Record, read_json
 
@@ -129,9 +129,7 @@ class Store:
         """
         unit = Identity.of(key, config)
         self._check_place(unit)
-        self._hidden("locks")
-        lock_path = self._lock_path(key)
-        descriptor = acquire(lock_path)
+        descriptor = acquire(self._hidden("locks") / f"work-{_flat(key)}")
         if descriptor is None:
             raise UnitBusyError(f"{key!r} is being run by another process in {self.root}.")
         try:
@@ -140,7 +138,7 @@ class Store:
             if workspace.complete:
                 self._promote(workspace.folder, unit)
         finally:
-            release(descriptor, lock_path)
+            os.close(descriptor)
 
     def exclusive(self, name: str, waiting: Callable[[], None] = lambda: None) -> AbstractContextManager[None]:
         """Lock the whole store for the purpose `name` during a block; call `waiting` once if another process has it."""
@@ -218,9 +216,6 @@ class Store:
         folder = self.root / f".{name}"
         folder.mkdir(parents=True, exist_ok=True)
         return folder
-
-    def _lock_path(self, key: str) -> Path:
-        return self.root / ".locks" / f"work-{_flat(check_key(key))}"
 
     def _check_place(self, unit: Identity) -> None:
         """Refuse a unit whose key is taken by another config, lies inside a unit, or is a folder with units in it."""

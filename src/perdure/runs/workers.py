@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import json
 import mmap
 import os
@@ -11,7 +10,6 @@ import pickle
 import re
 import selectors
 import signal
-import stat
 import subprocess
 import sys
 import tempfile
@@ -23,6 +21,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from perdure.errors import PAGE_BYTES, PerdureError, call_pages, did_you_mean, noted_call
+from perdure.runs.files import acquire
 from perdure.runs.store import AttemptResult, Unit, attempt
 from perdure.schema import printable
 
@@ -40,7 +39,7 @@ BUSY_SHARE = 0.5
 
 
 def make_workers(on: str, units: Sequence[Unit], cores: int | None = None) -> Workers | None:
-    """Return what runs units, for `run_units`.
+    """Return what runs units, for `run_missing`.
 
     Results do not depend on where units run. The command line and `extrapolate` run them "local" by default. `train`
     and the functions of `perdure.home` run them "here" by default, because only this process knows environments that
@@ -423,22 +422,10 @@ def _times(counters: Path) -> dict[int, tuple[int, int]]:
 
 
 def _lock(core: int) -> int | None:
-    """Return an open file that holds the core, or None. The kernel releases it when the process dies."""
+    """Return an open file that holds the core, or None: two commands may then choose it, which is only slower."""
     folder = Path(tempfile.gettempdir(), f"perdure-{os.getuid()}")
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        owner = folder.lstat()
-        if not stat.S_ISDIR(owner.st_mode) or owner.st_uid != os.getuid():
-            return None  # another user's: without locks two commands may choose the same core, which is only slower
-        flags = os.O_RDONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        lock = os.open(folder / f"core-{core}.lock", flags, 0o600)
-    except OSError:
+        return acquire(folder / f"core-{core}.lock")
+    except (OSError, PerdureError):
         return None
-    try:
-        if not stat.S_ISREG(os.fstat(lock).st_mode):
-            raise OSError
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
-        return None
-    return lock

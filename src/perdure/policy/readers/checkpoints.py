@@ -31,12 +31,10 @@ from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy.policy import LARGEST_OBSERVATION, Normalizer, Policy, TaskInfo
 from perdure.policy.readers.restricted_pickle import TorchState
-from perdure.policy.readers.sb3_import import checked_normalizer, library_versions
+from perdure.policy.readers.sb3_import import NO_NORMALIZER, checked_normalizer, library_versions
 from perdure.policy.reference import measure_reference, resolve_training_horizon
 from perdure.runs import file_digest, read_bounded
 
-NO_NORMALIZER = "none"
-"""Says that the model saw raw observations."""
 CLIP = 10.0
 """CleanRL clips normalized observations to +-CLIP."""
 GAMMA = 0.99

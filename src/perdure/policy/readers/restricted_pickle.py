@@ -49,10 +49,6 @@ class Stub:
         stub.arguments, stub.state, stub.items = arguments, None, {}
         return stub
 
-    def __setstate__(self, state: Any) -> None:
-        """Keep the state."""
-        self.state = state
-
 
 def read_pickle(data: bytes, allowed: Collection[str], what: str) -> Any:
     """Return what a pickle describes, with every object that is no plain value left as a `Stub`.

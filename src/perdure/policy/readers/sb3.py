@@ -10,10 +10,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +88,8 @@ def read_sb3(path: Path) -> Sb3Model:
     state = TorchState(members.read("policy.pth", MAX_WEIGHTS), f"{what}: policy.pth")
     version = "_stable_baselines3_version"
     written = members.read(version, 100).decode("ascii", "replace") if version in members.names else ""
-    return Sb3Model(settings, read_layers(state, settings, what), written if re.fullmatch(r"[\w.]+", written) else "")
+    layers = read_layers(state.names, state.array, settings, what)
+    return Sb3Model(settings, layers, written if re.fullmatch(r"[\w.]+", written) else "")
 
 
 def is_sb3_zip(path: Path) -> bool:
@@ -144,16 +145,14 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
     kwargs = _table(values, "policy_kwargs")
     module = _policy_module(_table(values, "policy_class"), what)
     _check_kwargs(kwargs, what)
+    squashed = module != ACTOR_CRITIC or kwargs.get("squash_output") is True
+    clip = _float(kwargs.get("clip_mean", 2.0), "clip_mean", what)
+    limited = module in (SAC, TQC) and values.get("use_sde") is True and clip > 0  # cut to +-clip before tanh
     return Sb3Settings(
-        algorithm=algorithm_of(values),
+        algorithm=next((name for name, sign in _SIGNS if sign in values), "model"),
         policy_module=module,
         activation=_activation(kwargs, module, what),
-        squash=squash_of(
-            module,
-            module != ACTOR_CRITIC or kwargs.get("squash_output") is True,
-            values.get("use_sde") is True,
-            _float(kwargs.get("clip_mean", 2.0), "clip_mean", what),
-        ),
+        squash=TanhSquash(clip if limited else math.inf) if squashed else None,
         action_bounds=bounds,
         gamma=_float(values.get("gamma", 0.99), "gamma", what),
         behind_vecnormalize=module == ACTOR_CRITIC and values.get("_last_original_obs") is not None,
@@ -161,17 +160,6 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
         seed=_whole(values.get("seed")),
         steps=_whole(values.get("num_timesteps")),
     )
-
-
-def algorithm_of(settings: Mapping[str, Any]) -> str:
-    """Return the algorithm that has these settings, such as "PPO", or "model" if none is known; DDPG is a TD3."""
-    return next((name for name, sign in _SIGNS if sign in settings), "model")
-
-
-def squash_of(module: str, squashed: bool, use_sde: bool, clip_mean: float) -> TanhSquash | None:
-    """Return how a policy squashes its output: SAC and TQC cut it to +-clip_mean before tanh under ``use_sde``."""
-    limited = use_sde and module in (SAC, TQC) and clip_mean > 0
-    return TanhSquash(clip_mean if limited else math.inf) if squashed else None
 
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
@@ -267,27 +255,24 @@ def _short(value: Any) -> str:
 # Weights
 
 
-class State(Protocol):
-    """Named weights."""
-
-    @property
-    def names(self) -> list[str]:
-        """All names."""
-
-    def array(self, name: str) -> NDArray[np.float32]:
-        """Return the weights of that name."""
-
-
-def read_layers(state: State, settings: Sb3Settings, what: str) -> list[Layer]:
+def read_layers(
+    names: list[str], array: Callable[[str], NDArray[np.float32]], settings: Sb3Settings, what: str
+) -> list[Layer]:
     """Return the layers between observation and action.
+
+    Args:
+        names: Of all weights.
+        array: Returns the weights of a name.
+        settings: Of the policy.
+        what: Which file it is, for messages.
 
     Raises:
         PerdureError: If the network has other parts than a perceptron, or layers do not fit together.
     """
-    names = _layer_names(state.names, settings, what)
+    names = _layer_names(names, settings, what)
     if len(names) > MAX_LAYERS:
         raise PerdureError(f"{what} has {len(names)} layers; at most {MAX_LAYERS} are read")
-    layers = [(state.array(f"{name}.weight"), state.array(f"{name}.bias")) for name in names]
+    layers = [(array(f"{name}.weight"), array(f"{name}.bias")) for name in names]
     size: int | None = None
     for name, (weight, bias) in zip(names, layers, strict=True):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or size not in (None, weight.shape[1]):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 import warnings
 from collections.abc import Callable
@@ -23,7 +21,7 @@ from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normali
 from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
 from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, is_sb3_zip, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
-from perdure.runs import file_digest, read_bounded, versions
+from perdure.runs import config_digest, file_digest, read_bounded, versions
 
 NO_NORMALIZER = "none"
 """Says that observations were not normalized, where the model suggests otherwise."""
@@ -94,9 +92,14 @@ def import_sb3(
     steps = _time_feature_steps(time_feature)
     horizon = resolve_training_horizon(spec, training_horizon if training_horizon is not None else steps)
     if time_feature is not None:
-        steps = steps or horizon
-        if training_horizon is not None or spec.has_step_limit:
-            _check_time_feature(steps, training_horizon or spec.default_horizon, spec.name)
+        steps, limit = steps or horizon, training_horizon or spec.default_horizon
+        if steps != limit and (training_horizon is not None or spec.has_step_limit):
+            warnings.warn(
+                f"the time feature counts down from {steps} steps, but episodes of {spec.name} end after {limit}; "
+                "TimeFeatureWrapper takes the environment's own limit if there is one",
+                PerdureWarning,
+                stacklevel=2,
+            )
     policy = _policy(model, spec, statistics, (steps, horizon), str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
     return replace(policy, reference=measure_reference(policy)) if measure else policy
@@ -138,8 +141,7 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     identity |= {"source": source} if source else {}
     if (agent := path.parent / "params" / "agent.yaml").is_file():
         identity["agent"] = file_digest(agent)
-    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-    target = folder / f"{path.stem}-{digest[:12]}.safetensors"
+    target = folder / f"{path.stem}-{config_digest(identity)[:12]}.safetensors"
     try:
         if target.exists():
             load_policy(target)
@@ -244,18 +246,6 @@ def _time_feature_steps(written: str | None) -> int | None:
     if name != "linear" or (colon and steps < 1):
         raise PerdureError(f"time_feature must be linear or linear:STEPS, for example linear:1000, got {written!r}")
     return steps or None
-
-
-def _check_time_feature(steps: int, limit: int, task: str) -> None:
-    """Warn where a time feature counts down from another number of steps than an episode has."""
-    if steps != limit:
-        warnings.warn(
-            PerdureWarning(
-                f"the time feature counts down from {steps} steps, but episodes of {task} end after {limit}; "
-                "TimeFeatureWrapper takes the environment's own limit if there is one"
-            ),
-            stacklevel=3,
-        )
 
 
 def _provenance(
