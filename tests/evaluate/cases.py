@@ -17,8 +17,8 @@ import polars as pl
 
 from perdure.evaluate.episodes import window_steps
 from perdure.evaluate.reference import Idle
-from perdure.evaluate.score import judge_episode, make_score_scale
 from perdure.evaluate.table import RATES
+from perdure.evaluate.verdict import judge_episode, make_score_scale
 from perdure.policy.reference import BIN_STEPS, Reference
 from perdure.report.groups import NO_CLOCK
 from perdure.report.schema import COLUMNS, GOALS

@@ -15,8 +15,8 @@ from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 from perdure.errors import PerdureError
 from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.evaluate.episodes import MOST_WINDOWS, recorded_steps, window_steps
-from perdure.evaluate.score import ScoreScale
 from perdure.evaluate.table import episode_table, judge_table
+from perdure.evaluate.verdict import ScoreScale
 from perdure.policy.reference import Reference
 from perdure.report import read_table, write_table
 from perdure.report.schema import END_REASONS

@@ -14,7 +14,7 @@ from perdure.envs import make_world
 from perdure.evaluate import EpisodeSpec, evaluate_episodes
 from perdure.evaluate.episodes import window_steps
 from perdure.evaluate.reference import Idle, measure_idle
-from perdure.evaluate.score import ScoreScale, judge_episode, make_score_scale, published_rate
+from perdure.evaluate.verdict import ScoreScale, judge_episode, make_score_scale, published_rate
 from perdure.policy import Reference, TaskInfo, load_policy, measure_reference
 from perdure.policy.files import find_policy
 from perdure.report import estimate_table, summary_text

@@ -20,8 +20,8 @@ from perdure.cli.commands import policy_text
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import EpisodeSpec
 from perdure.evaluate.reference import Idle
-from perdure.evaluate.score import make_score_scale
 from perdure.evaluate.table import _episode_row
+from perdure.evaluate.verdict import make_score_scale
 from perdure.home.tasks.episodes import EpisodeSet, episode_hash, load_episodes, read_episodes, write_episodes
 from perdure.home.tasks.planning import plan_problem
 from perdure.horizon import Clock, HorizonProtocol

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.errors import PerdureError
-from perdure.evaluate.score import HOLDS_FROM
 from perdure.evaluate.table import FILE_NOTE
+from perdure.evaluate.verdict import HOLDS_FROM
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
 from perdure.report import estimate_table, read_table

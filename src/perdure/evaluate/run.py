@@ -15,9 +15,9 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
 from perdure.evaluate.reference import idle_baseline, with_reference
-from perdure.evaluate.score import make_score_scale, published_rate
 from perdure.evaluate.stored import GROUPS, REPLACED, evaluate_files, function_policy, load, plan, run_episodes
 from perdure.evaluate.table import TABLE, ExtrapolationResult, judge_table, method_label
+from perdure.evaluate.verdict import make_score_scale, published_rate
 from perdure.policy import Policy, PolicyLike
 from perdure.policy.onnx import OnnxModel, is_onnx
 from perdure.runs import Observer, Store, UnitProgress

@@ -26,7 +26,6 @@ from perdure.evaluate.episodes import (
     split,
 )
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
-from perdure.evaluate.score import make_score_scale, published_rate
 from perdure.evaluate.table import (
     TABLE,
     ExtrapolationResult,
@@ -37,6 +36,7 @@ from perdure.evaluate.table import (
     method_label,
     train_seed,
 )
+from perdure.evaluate.verdict import make_score_scale, published_rate
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, check_fit, find_policy, load_policy
 from perdure.policy.onnx import OnnxModel, is_onnx, model_digest

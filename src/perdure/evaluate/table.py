@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec, window_steps
-from perdure.evaluate.score import ScoreScale, judge_episode
+from perdure.evaluate.verdict import ScoreScale, judge_episode
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
 from perdure.report.schema import END_REASONS, GOALS, OUTCOMES

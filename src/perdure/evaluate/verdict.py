@@ -1,4 +1,4 @@
-"""Score scale of a policy: its reward rate within the training horizon, and that of an idle robot.
+"""Score scale of a policy (0: an idle robot, 1: its own training horizon), and the verdict on each episode.
 
 One normalized score of a stretch of steps, similar to D4RL's (Fu et al., 2020), with a named reference. It does not
 depend on the unit or the offset of the reward:
