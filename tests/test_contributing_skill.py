@@ -22,7 +22,7 @@ from perdure.home.skills.environment import env_id, register
 from perdure.home.skills.skill import PROPRIOCEPTION, Element, ObservationTerm, Recipe, Skill, SkillProgress
 from perdure.home.skills.train import train_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.tasks import SET_TABLE, TASKS, with_resets
+from perdure.home.tasks.tasks import TASKS, with_resets
 from perdure.policy import load_policy
 
 NAME = "raise_hand"
@@ -75,7 +75,7 @@ def skill(monkeypatch):
 def episode(monkeypatch):
     """An episode of a task whose plan uses the skill."""
     plan = with_resets(("navigate", 0), (NAME, 0))
-    monkeypatch.setitem(TASKS, "wave", replace(SET_TABLE, name="wave", sequence=plan))
+    monkeypatch.setitem(TASKS, "wave", replace(TASKS["set_table"], name="wave", sequence=plan))
     return replace(load_episodes("set_table", "val")[0], task="wave")
 
 

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -23,7 +23,7 @@ ORACLES = dict.fromkeys(SKILLS, "oracle")
 
 def noted(place="rl"):
     """The notes of logs of a release strategy."""
-    return {"protocol": json.dumps(EvaluationProtocol("set_table", place).to_json())}
+    return {"protocol": json.dumps(asdict(EvaluationProtocol("set_table", place)))}
 
 
 OF_IT = "set_table, val, {strategy}, training seed -1, evaluation seed 0, 000, open_0, {why}, 024_bowl"

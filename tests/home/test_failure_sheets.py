@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).parent / "evaluate" / "outcomes"))
 from home_stories import Story
 
 ORACLES = dict.fromkeys(SKILLS, "oracle")
-NOTES = {"protocol": json.dumps(EvaluationProtocol("set_table", "ik").to_json())}
+NOTES = {"protocol": json.dumps(asdict(EvaluationProtocol("set_table", "ik")))}
 
 
 def replay_of(story, counting="stabilizing"):
@@ -229,7 +229,7 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
         (log.history.facts.object_positions[:, 0], failure.label),
         (log.history.facts.goal_positions[0], None),
     ):
-        states[:, scene.middles[0]] = positions
+        states[:, scene.object_qpos[0] + np.arange(3)] = positions
         try:
             sheets.append(failure_sheet(failure, replace(replay, states=states, label=found)))
         except PerdureError as error:

@@ -15,7 +15,7 @@ from perdure.home.agents.release import Ik
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.policies import SHIPPED, SkillPolicy
-from perdure.home.film import Agent, Caption, FilmOptions, Frame, Recording, film_episode, make_agent, record
+from perdure.home.film import Agent, Caption, FilmOptions, Frame, film_episode, make_agent, record
 from perdure.home.pictures import put, render_scene
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import get_skill
@@ -55,9 +55,9 @@ def test_a_recording_is_the_trajectory_of_the_protocol():
     options = ExecutorOptions(eval_seed=1, lanes=1, threads=1, scene=SceneOptions(rolling=0.0))
     oracle = film._oracle(episode)
     shown = []
-    recording = record(episode, oracle, options, seconds=STEPS / 30, show=shown.append)
-    assert recording.log is None
-    assert (len(recording.frames), list(recording.frames)) == (STEPS, shown)
+    frames, log = record(episode, oracle, options, seconds=STEPS / 30, show=shown.append)
+    assert log is None
+    assert (len(frames), frames) == (STEPS, shown)
 
     alone, grippers = [], []
 
@@ -72,11 +72,11 @@ def test_a_recording_is_the_trajectory_of_the_protocol():
     agents = {name: Scripted() if name == "reset_arm" else agent for name in names}
     with pytest.raises(EnoughError):
         next(Executor({name: get_skill(name) for name in names}, agents, options).run([episode], watch))
-    assert np.array_equal([frame.state for frame in recording.frames], alone)
+    assert np.array_equal([frame.state for frame in frames], alone)
 
     scene = render_scene(episode, 1)
     for step in range(0, STEPS, 20):  # what is drawn is where the simulation was
-        put(scene, recording.frames[step].state)
+        put(scene, frames[step].state)
         np.testing.assert_allclose(scene.gripper, grippers[step], atol=1e-9)
 
 
@@ -98,7 +98,7 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
 
     def recorded(episode, agent, *given):
         caption = Caption(0.0, 1, "", (("pick_0", False),))
-        return Recording(tuple(Frame(np.array([v]), caption, None, -1) for v in shown[agent.skill_agents]), None)
+        return [Frame(np.array([v]), caption, None, -1) for v in shown[agent.skill_agents]], None
 
     class Studio:
         simulator = None

@@ -16,20 +16,11 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.film import GRAY, INK, Picture, Row, annotate, tile
+from perdure.home.evaluate import outcomes
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.files import POLICIES, check_distinct, read_log_file, read_note
 from perdure.home.evaluate.log import EpisodeLog, History, Release, SkillRun
-from perdure.home.evaluate.outcomes import (
-    REST_MOVE,
-    Counting,
-    Label,
-    in_goal_since,
-    label,
-    placement,
-    release_offset,
-    stage_steps,
-    tilt,
-)
+from perdure.home.evaluate.outcomes import REST_MOVE, Counting, Label
 from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
 from perdure.home.film import SMALL, TITLE, Agent, Caption, make_agent, record, skill_words
 from perdure.home.pictures import AZIMUTHS, Follower, Shot, Studio, direction_of, goal_marks, put, render_scene
@@ -117,8 +108,8 @@ def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -
     check_distinct([log for logs, _, _ in files for log in logs], "the logs")
     failures = []
     for logs, notes, path in files:
-        policies = tuple((read_note(notes, "policies", POLICIES) or {}).items())
-        labels = [(log, found) for log in logs if (found := label(log, counting)) is not None]
+        policies = tuple(read_note(notes, "policies", POLICIES).items())
+        labels = [(log, found) for log in logs if (found := outcomes.label(log, counting)) is not None]
         if labels:
             protocol = noted_protocol(notes, path)
             failures += [Failure(log, counting, found, protocol, policies) for log, found in labels]
@@ -177,29 +168,25 @@ def logged_agent(failure: Failure, policies: Mapping[str, str]) -> Agent:
 def replay_failure(failure: Failure, agent: Agent) -> Replay:
     """Run an episode again with the settings of its log."""
     log = failure.log
-    again = record(failure.episode, agent, failure.options, strategy=log.strategy, train_seed=log.train_seed)
-    assert again.log is not None
-    return Replay(again.log, label(again.log, failure.counting), np.array([frame.state for frame in again.frames]))
+    frames, again = record(failure.episode, agent, failure.options, strategy=log.strategy, train_seed=log.train_seed)
+    assert again is not None
+    return Replay(again, outcomes.label(again, failure.counting), np.array([frame.state for frame in frames]))
 
 
 def picture_steps(replay: Replay, found: Label) -> dict[int, str]:
     """Return the steps to show, in order, each with a note on what happens there; fillers have an empty note."""
     log, condition = replay.log, found.condition
-    release = placement(log, found.target) if condition is not None and condition.name == "at" else None
+    release = outcomes.placement(log, found.target) if condition is not None and condition.name == "at" else None
     if log.diverged:
-        keys, way = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}, _time(log)
+        keys, way = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}, np.arange(float(log.length))
     elif release is not None:
         keys, way = _after_release(replay, release)
         placed = log.run("place", found.target)
         keys = keys | _hardest(replay.history, placed) if placed and found.cause == "collision" else keys
     else:
-        keys, way = _in_run(replay, found), _time(log)
+        keys, way = _in_run(replay, found), np.arange(float(log.length))
     steps = _fill(sorted(keys), way)
     return {step: keys.get(step, "") for step in steps}
-
-
-def _time(log: EpisodeLog) -> FloatArray:
-    return np.arange(log.length, dtype=np.float64)
 
 
 def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], FloatArray]:
@@ -209,7 +196,7 @@ def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], Fl
     position = replay.history.facts.object_positions[: log.length, release.target]
     moving = np.flatnonzero(np.linalg.norm(position[start:end] - position[end], axis=1) > REST_MOVE)
     rest = min(start + max(CONTROL_HZ, int(moving.max(initial=-1)) + 1), end)
-    inside = in_goal_since(log, release)
+    inside = outcomes.in_goal_since(log, release)
     left = [start + 1 + int(k) for k in np.flatnonzero(inside[:-1] & ~inside[1:])[-1:]]
     keys = {max(0, start - BEFORE): "", start: "releases", **dict.fromkeys(left, "left its goal")}
     near = np.linalg.norm(position - log.targets[release.target].goal, axis=1) < NEARBY
@@ -334,7 +321,7 @@ def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Ca
     log = replay.log
     run = log.run_at(step)
     begun = sum(each.begin <= step for each in log.runs)
-    stages = zip(episode.home_task.stages, stage_steps(log), strict=True)
+    stages = zip(episode.home_task.stages, outcomes.stage_steps(log), strict=True)
     skill = "settling" if run is None else skill_words(episode, run)
     reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
     return Caption((step + 1) / CONTROL_HZ, begun, f"{skill}: {words}", reached)
@@ -343,10 +330,10 @@ def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Ca
 def _numbers(replay: Replay, found: Label) -> str:
     """Return the measurements behind the label as text."""
     log, condition = replay.log, found.condition
-    release = placement(log, found.target) if condition is not None and condition.name == "at" else None
+    release = outcomes.placement(log, found.target) if condition is not None and condition.name == "at" else None
     if release is not None:
-        away, above = release_offset(log, release)
-        lean, inside = float(tilt(release.track.up[0])), in_goal_since(log, release)
+        away, above = outcomes.release_offset(log, release)
+        lean, inside = float(outcomes.tilt(release.track.up[0])), outcomes.in_goal_since(log, release)
         stay = f"{inside.sum() / CONTROL_HZ:.1f} of {len(inside) / CONTROL_HZ:.1f} s"
         return (
             f"released {above:.3f} m above and {away:.3f} m beside its goal at {release.object_speed:.2f} m/s, "

@@ -10,12 +10,13 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.film import GRAY, GREEN, INK, PALE, Picture, Row, annotate, check_film, tile, write_film
 from perdure.home.agents.learned import SkillAgent
 from perdure.home.evaluate.comparison import describe
@@ -23,7 +24,7 @@ from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
 from perdure.home.evaluate.log import UNTRAINED, EpisodeLog, SkillRun
 from perdure.home.evaluate.policies import ORACLE, SkillPolicy, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol, Vary
-from perdure.home.pictures import Follower, Shot, Studio, check_camera, goal_marks, put, render_scene
+from perdure.home.pictures import CAMERAS, Follower, Shot, Studio, goal_marks, put, render_scene
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import short_name
 from perdure.home.sim.scene import CONTROL_HZ
@@ -58,7 +59,7 @@ class FilmOptions:
 
     def __post_init__(self) -> None:
         """Raise PerdureError for numbers that make no film."""
-        check_camera(self.camera)
+        lookup(CAMERAS, self.camera, "camera")
         if not (self.speed > 0.0 and math.isfinite(self.speed)):
             raise PerdureError(f"the speed of a film must be above 0, not {self.speed}")
         if not self.seconds > 0.0:
@@ -166,16 +167,6 @@ class Frame:
     """Number of the object there, -1 for none."""
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """An episode that was run."""
-
-    frames: tuple[Frame, ...]
-    """One for each control step."""
-    log: EpisodeLog | None
-    """With its history; None if the time limit ended the episode."""
-
-
 class _TimeOverError(Exception):
     """The time limit ended the episode."""
 
@@ -189,8 +180,10 @@ def record(
     *,
     strategy: str = "unnamed",
     train_seed: int = UNTRAINED,
-) -> Recording:
-    """Run one episode and keep every step.
+) -> tuple[list[Frame], EpisodeLog | None]:
+    """Run one episode and return a frame for each control step, and its log with its history.
+
+    The log is None if the time limit ended the episode.
 
     Args:
         episode: The episode.
@@ -228,8 +221,8 @@ def record(
     try:
         (log,) = executor.run([episode], observe)
     except _TimeOverError:
-        return Recording(tuple(frames), None)
-    return Recording(tuple(frames), log)
+        return frames, None
+    return frames, log
 
 
 def film_episode(
@@ -249,56 +242,51 @@ def film_episode(
     check_film(path)
     options, rate = options or FilmOptions(), RATES[path.suffix.lower()]
     executor, agents = replace(options.executor, settle_steps=AFTERWARDS), agents or [_oracle(episode)]
-    recordings: list[Recording] = []
+    recordings: list[tuple[list[Frame], EpisodeLog | None]] = []
 
     def pictures() -> Iterator[Picture]:
         with Studio(render_scene(episode, options.executor.eval_seed), options.size) as studio:
             recordings.extend(record(episode, agent, executor, options.seconds) for agent in agents)
             stride = CONTROL_HZ * options.speed / rate
-            length = max(len(each.frames) for each in recordings)
+            length = max(len(frames) for frames, _ in recordings)
             steps = [max(0, math.ceil(k * stride - 1e-9) - 1) for k in range(int(length / stride + 1e-9) + 1)]
             panels = [
-                _panel(_Captioned(studio, episode, options), agent, recording.frames, steps, 1.0 / rate)
-                for agent, recording in zip(agents, recordings, strict=True)
+                _panel(studio, episode, options, agent, frames, steps, 1.0 / rate)
+                for agent, (frames, _) in zip(agents, recordings, strict=True)
             ]
             for row in zip(*panels, strict=True):
                 yield tile(row, len(row))
 
     write_film(pictures(), path, rate)
-    return [each.log for each in recordings]
+    return [log for _, log in recordings]
 
 
 def _oracle(episode: Episode) -> Agent:
     return replace(make_agent(episode.task, "rl", UNTRAINED, dict.fromkeys(SKILLS, ORACLE)), title="")
 
 
-class _Captioned:
-    """Draws frames with captions; its camera glides from one to the next."""
-
-    def __init__(self, studio: Studio, episode: Episode, options: FilmOptions) -> None:
-        self._studio, self._marks, self._options = studio, goal_marks(episode), options
-        self._follower = Follower(studio.simulator)
-
-    def draw(self, frame: Frame, seconds: float, above: Sequence[Row] = ()) -> Picture:
-        """Return the picture of a frame; `seconds` is the time on the screen since the last one."""
-        put(self._studio.simulator, frame.state)
-        camera: str | Shot = self._options.camera
-        if camera == "follow":
-            camera = self._follower.shot(frame.focus, frame.focused, seconds)
-        return annotate(self._studio.take(camera, self._marks), above, frame.caption.rows(self._options.speed))
-
-
 def _panel(
-    drawer: _Captioned, agent: Agent, frames: Sequence[Frame], steps: Sequence[int], seconds: float
+    studio: Studio,
+    episode: Episode,
+    options: FilmOptions,
+    agent: Agent,
+    frames: Sequence[Frame],
+    steps: Sequence[int],
+    seconds: float,
 ) -> Iterator[Picture]:
     """Yield the pictures of one agent at some steps, `seconds` apart on the screen; the last one stays."""
-    last: Picture | None = None
-    for step in steps:
-        if step < len(frames):
-            yield drawer.draw(frames[step], seconds, agent.rows(ended=False))
-        else:
-            last = drawer.draw(frames[-1], 0.0, agent.rows(ended=True)) if last is None else last
-            yield last
+    marks, follower = goal_marks(episode), Follower(studio.simulator)
+
+    def draw(frame: Frame, ended: bool) -> Picture:
+        put(studio.simulator, frame.state)
+        camera: str | Shot = options.camera
+        if camera == "follow":
+            camera = follower.shot(frame.focus, frame.focused, 0.0 if ended else seconds)
+        return annotate(studio.take(camera, marks), agent.rows(ended), frame.caption.rows(options.speed))
+
+    yield from (draw(frames[step], ended=False) for step in steps if step < len(frames))
+    if over := sum(step >= len(frames) for step in steps):
+        yield from repeat(draw(frames[-1], ended=True), over)
 
 
 def serve_episode(

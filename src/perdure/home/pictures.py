@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.film import Picture, Renderer
 from perdure.home.sim.apartments import cut_away
 from perdure.home.sim.arrays import FloatArray, Vec3
@@ -21,7 +21,7 @@ from perdure.home.sim.simulator import Simulator
 from perdure.home.tasks.episodes import Episode, episode_scene, start_pose
 from perdure.home.tasks.tasks import AT
 
-CAMERAS = ("doll_house", "plan", "follow", "head", "hand")
+CAMERAS = dict.fromkeys(("doll_house", "plan", "follow", "head", "hand"))
 """The whole apartment like a doll's house or from above, the robot from where it is seen best, its own two cameras."""
 LARGEST = 4096
 NEAR = 0.02
@@ -144,13 +144,6 @@ def direction_of(azimuth: float, elevation: float) -> FloatArray:
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
-def check_camera(name: str) -> str:
-    """Return the name of a camera; PerdureError when there is none of that name."""
-    if name not in CAMERAS:
-        raise PerdureError(f"no camera is named {name!r}; there are {', '.join(CAMERAS)}")
-    return name
-
-
 class Studio(Renderer):
     """Takes pictures of one simulator. Use it as a context manager in the thread that made it."""
 
@@ -185,7 +178,9 @@ class Studio(Renderer):
         """
         m = self._mujoco
         made, apartment = m.MjvCamera(), self.simulator.scene.apartment
-        if isinstance(camera, str) and check_camera(camera) in ("head", "hand"):
+        if isinstance(camera, str):
+            lookup(CAMERAS, camera, "camera")
+        if camera in ("head", "hand"):
             made.type, made.fixedcamid = m.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
         else:
             if camera == "follow":
@@ -210,10 +205,8 @@ class Studio(Renderer):
             light.ambient[:], light.diffuse[:], light.specular[:] = 0.0, FILL_STRENGTH, 0.0
             scene.nlight += 1
         for mark in marks:
-            goal, pin = (
-                np.array(mark.goal),
-                self.simulator.object(mark.number)[0][:3] + np.array([0.0, 0.0, 0.13 + PIN]),
-            )
+            goal, place = np.array(mark.goal), self.simulator.object(mark.number)[0][:3]
+            pin = place + np.array([0.0, 0.0, 0.13 + PIN])
             self._add(geoms.mjGEOM_SPHERE, (AT,) * 3, goal, mark.color, 0.32, f"goal: {mark.label}")
             self._add(geoms.mjGEOM_SPHERE, (0.018,) * 3, goal, mark.color, 1.0)
             self._add(geoms.mjGEOM_ARROW, (0.012, 0.012, PIN), pin, mark.color, 0.95, mark.label)

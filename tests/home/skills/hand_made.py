@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from perdure.home.sim.robot import REST_ARM, REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.robot import REST_ARM, REST_POSITION
 from perdure.home.sim.sensors import BEAMS, NEIGHBORS, SCAN_RANGE, PrivilegedState
 
 REST = np.array(REST_POSITION)
@@ -17,9 +17,7 @@ def state(**changes):
     numbers = {
         "base": np.zeros(3),
         "base_velocity": np.zeros(3),
-        "torso": TORSO_HEIGHT,
         "arm": np.array(REST_ARM),
-        "arm_velocity": np.zeros(7),
         "arm_target": np.array(REST_ARM),
         "gripper_in_base": REST,
         "gripper_rotation": np.eye(3),
@@ -31,7 +29,6 @@ def state(**changes):
         "target": BOWL,
         "object": np.array([2.0, 0.0, 0.8]),
         "object_up": np.array([0.0, 0.0, 1.0]),
-        "object_velocity": np.zeros(3),
         "goal": np.array([1.0, 0.0, 0.8]),
         "link": DRAWER,
         "handle": np.array([0.8, 0.0, 0.6]),

@@ -57,7 +57,7 @@ def starts(skill, task):
         yield [value for _, value in sorted(start.opened.items())]
         yield [each.position for each in start.moved.values()]
         yield from ((goal.target, goal.link), goal.goal, goal.toward, goal.aim, goal.front)
-        yield [] if goal.route is None else goal.route.at(np.array([[start.base.x, start.base.y]]))
+        yield [] if goal.route is None else goal.route.ahead(start.base.x, start.base.y, 0)[:1]
 
 
 def training(skill, task):

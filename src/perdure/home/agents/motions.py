@@ -14,9 +14,9 @@ from perdure.home.agents.learned import LaneView, Motion
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.kinematics import damped_inverse, gripper_pose, pose_and_jacobian, reach_many
 from perdure.home.sim.occupancy import FreeSpace
-from perdure.home.sim.pieces import Pose
+from perdure.home.sim.pieces import FRIDGE_DOOR, Pose
 from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
-from perdure.home.sim.scene import CONTROL_HZ, Handles
+from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import wrap
 from perdure.home.sim.simulator import (
     ACTION_SIZE,
@@ -55,23 +55,10 @@ class CollisionQuery:
         self._start: FloatArray = np.array(simulator.qpos)
         self._held = simulator.held
 
-    def handles(self) -> FloatArray:
-        """Return the handles of all drawers and doors in the room. Shape (links, 3)."""
-        scene = self.simulator.scene
-        return Handles.of(scene.apartment).at(self._start[scene.link_qpos])
-
-    def position(self, link: int) -> float:
-        """Return how far a drawer or door is open in [m] or [rad]."""
-        return float(self._start[self.simulator.scene.link_qpos[link]])
-
     def in_fridge(self, point: FloatArray) -> bool:
         """Return whether a point of the room is within the fridge's outline."""
-        apartment = self.simulator.scene.apartment
-        fridge = next((piece for piece in apartment.pieces if piece.kind == "fridge"), None)
-        if fridge is None:
-            return False
-        local = fridge.pose.to_local(np.asarray(point))
-        return bool(abs(local[0]) < 0.35 and abs(local[1]) < 0.35)
+        local = self.simulator.scene.apartment.piece_of(FRIDGE_DOOR).pose.to_local(np.asarray(point))
+        return bool((np.abs(local[:2]) < 0.35).all())
 
     def depth(self, base: Pose, arm: ArrayLike, firm: int = -1) -> float:
         """Return the penetration of the robot and the held object at a pose in [m], 0 for free; arm of shape (7,).
@@ -103,7 +90,7 @@ class CollisionQuery:
             carried = np.isin(geoms, scene.object_geoms[self._held])
             ours = (robot | carried).any(axis=1) & ~(robot | carried).all(axis=1)
         # What can be pushed aside is less of an obstacle than what cannot.
-        loose = scene.loose_geoms[geoms].any(axis=1)
+        loose = np.isin(scene.model.geom_bodyid[geoms], scene.object_bodies).any(axis=1)
         if firm >= 0:
             loose &= ~np.isin(geoms, scene.object_geoms[firm]).any(axis=1)
         deep = np.maximum(-distance - TOLERATED_DEPTH, 0.0) * np.where(loose, PUSHABLE_WEIGHT, 1.0)
@@ -447,18 +434,22 @@ def plan_reach(
     return best
 
 
-def plan_from_here(
+def plan_from(
     query: CollisionQuery,
     base: Pose,
     gripper_goals: Sequence[GripperGoal],
     point: FloatArray,
+    stands: Sequence[Pose] | None = None,
     firm: int = -1,
     others: Callable[[], Sequence[GripperGoal]] = tuple,
 ) -> ReachPlan | None:
-    """Return a plan from what one turn and one drive reach, facing a point (3,); when nothing is free, from farther.
+    """Return a plan from some standing places, or from what one turn and one drive reach, facing a point (3,).
 
-    In a fridge also from finer drives and turns, then with the gripper goals `others()` in addition. See `plan_reach`.
+    When nothing is free, from farther. In a fridge also from finer drives and turns, then with the gripper goals
+    `others()` in addition. See `plan_reach`.
     """
+    if stands is not None:
+        return plan_reach(query, stands, gripper_goals, firm)
     found: list[ReachPlan | None] = []
     for steps in (STANDS_AHEAD, FARTHER_AHEAD):
         if not _any_free(found):

@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
 from perdure.home.agents.learned import Motion, SkillAgent
 from perdure.home.agents.motions import (
-    FARTHER_AHEAD,
-    STANDS_AHEAD,
-    TURNS,
     CollisionQuery,
     GripperGoal,
     ReachPlan,
@@ -26,8 +24,7 @@ from perdure.home.agents.motions import (
     around,
     follow,
     move_arm,
-    plan_from_here,
-    plan_reach,
+    plan_from,
     reach_for,
     rest_arm,
     settled,
@@ -42,7 +39,7 @@ from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import get_kind
 from perdure.home.sim.occupancy import apartment_footprints, free_space
 from perdure.home.sim.pieces import Apartment, Pose
-from perdure.home.sim.scene import CONTROL_HZ, Handles
+from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, GRASP, GRASP_RADIUS, RELEASE, STOP
 from perdure.home.sim.vector_simulator import VectorSimulator
@@ -75,32 +72,32 @@ def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatAr
     The robot comes from `origin` on the floor, shape (2,). `neighbors` are the middles of other objects, and handles,
     shape (k, 3). Inside a fridge the gripper comes from the front, not from above.
     """
-    gripper_goals = []
-    for slope in INSIDE_SLOPES if inside else SLOPES:
-        for turn in INSIDE_TURNS if inside else GRASP_TURNS:
-            approach = _direction(point, origin, slope, turn)
-            for standoff in STANDOFFS:
-                spot = point - standoff * approach
-                if len(neighbors) and np.linalg.norm(neighbors - spot, axis=1).min() < standoff + NEIGHBOR_GAP:
-                    continue
-                before = np.array([0.0, 0.0, 0.0 if inside else LIFT])
-                gripper_goals.append(GripperGoal(spot, approach, False, before, GRASP_BACK if inside else 0.0))
+    gripper_goals, before = [], np.array([0.0, 0.0, 0.0 if inside else LIFT])
+    slopes, turns = (INSIDE_SLOPES, INSIDE_TURNS) if inside else (SLOPES, GRASP_TURNS)
+    for slope, turn, standoff in product(slopes, turns, STANDOFFS):
+        approach = _direction(point, origin, slope, turn)
+        spot = point - standoff * approach
+        if _is_nearest(spot, standoff, neighbors):
+            gripper_goals.append(GripperGoal(spot, approach, False, before, GRASP_BACK if inside else 0.0))
     return gripper_goals
 
 
 def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
     """Return poses beside and above an object behind another one in a fridge; arguments as `pick_gripper_goals`."""
     gripper_goals = []
-    for slope in INSIDE_SLOPES[:3]:
-        for turn in INSIDE_TURNS:
-            approach = _direction(point, origin, slope, turn)
-            left = np.array([-approach[1], approach[0], 0.0]) / np.hypot(approach[0], approach[1])
-            for across, up in ((1.0, 0.0), (-1.0, 0.0), (0.7, 0.7), (-0.7, 0.7), (0.0, 1.0)):
-                spot = point + ASIDE * (across * left + np.array([0.0, 0.0, up]))
-                if len(neighbors) and np.linalg.norm(neighbors - spot, axis=1).min() < ASIDE + NEIGHBOR_GAP:
-                    continue
+    for slope, turn in product(INSIDE_SLOPES[:3], INSIDE_TURNS):
+        approach = _direction(point, origin, slope, turn)
+        left = np.array([-approach[1], approach[0], 0.0]) / np.hypot(approach[0], approach[1])
+        for across, up in ((1.0, 0.0), (-1.0, 0.0), (0.7, 0.7), (-0.7, 0.7), (0.0, 1.0)):
+            spot = point + ASIDE * (across * left + np.array([0.0, 0.0, up]))
+            if _is_nearest(spot, ASIDE, neighbors):
                 gripper_goals.append(GripperGoal(spot, approach, False, np.zeros(3), GRASP_BACK))
     return gripper_goals
+
+
+def _is_nearest(spot: FloatArray, distance: float, neighbors: FloatArray) -> bool:
+    """Return whether all neighbors are clearly farther from a gripper point than the target."""
+    return not (np.linalg.norm(neighbors - spot, axis=1) < distance + NEIGHBOR_GAP).any()
 
 
 def handle_gripper_goals(point: FloatArray, origin: FloatArray, sides: Sequence[FloatArray]) -> list[GripperGoal]:
@@ -108,13 +105,11 @@ def handle_gripper_goals(point: FloatArray, origin: FloatArray, sides: Sequence[
 
     The gripper waits in one of the directions `sides` from the handle, each of length 1 and shape (3,).
     """
-    gripper_goals = []
-    for side in sides:
-        for slope in (np.radians(20.0), np.radians(50.0), np.radians(0.0)):
-            for turn in GRASP_TURNS:
-                approach = _direction(point, origin, slope, turn)
-                gripper_goals.append(GripperGoal(point + 0.09 * side, approach, False, 0.05 * side))
-    return gripper_goals
+    slopes = np.radians(20.0), np.radians(50.0), np.radians(0.0)
+    return [
+        GripperGoal(point + 0.09 * side, _direction(point, origin, slope, turn), False, 0.05 * side)
+        for side, slope, turn in product(sides, slopes, GRASP_TURNS)
+    ]
 
 
 def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
@@ -122,16 +117,14 @@ def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, in
 
     The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is in a fridge.
     """
-    up = np.array([0.0, 0.0, 1.0])
-    gripper_goals = []
-    for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8):
-        approach = _direction(point, origin, 0.0, turn)
-        for back in (GRASP_BACK, 0.6) if inside else (0.0, GRASP_BACK):
-            for more in (0.0, 0.03) if inside else (0.0,):
-                spot = point + (height + more) * up
-                for lift in (0.02,) if inside else (LIFT, HIGH_LIFT):
-                    gripper_goals.append(GripperGoal(spot, approach, True, lift * up, back))
-    return gripper_goals
+    up, turns = np.array([0.0, 0.0, 1.0]), (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8)
+    backs, extra, lifts = (
+        ((GRASP_BACK, 0.6), (0.0, 0.03), (0.02,)) if inside else ((0.0, GRASP_BACK), (0.0,), (LIFT, HIGH_LIFT))
+    )
+    return [
+        GripperGoal(point + (height + more) * up, _direction(point, origin, 0.0, turn), True, lift * up, back)
+        for turn, back, more, lift in product(turns, backs, extra, lifts)
+    ]
 
 
 def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float) -> FloatArray:
@@ -163,10 +156,8 @@ def pick(view: View) -> Motion:
 def _can_grasp(view: View, target: int) -> bool:
     """Return whether a grasp now would take the target."""
     simulator, gripper = view.simulator, view.state.gripper[0]
-    middles = simulator.qpos[simulator.scene.middles]
-    distance = np.linalg.norm(middles - gripper, axis=1)
-    handles = Handles.of(simulator.scene.apartment).at(simulator.qpos[simulator.scene.link_qpos])
-    handle_near = np.linalg.norm(handles - gripper, axis=1).min() <= GRASP_RADIUS + GRASP_MARGIN
+    distance = np.linalg.norm(simulator.middles - gripper, axis=1)
+    handle_near = np.linalg.norm(simulator.handles - gripper, axis=1).min() <= GRASP_RADIUS + GRASP_MARGIN
     return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - GRASP_MARGIN and not handle_near)
 
 
@@ -175,17 +166,13 @@ def plan_pick(
 ) -> ReachPlan | None:
     """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
     simulator = query.simulator
-    addresses = simulator.scene.object_qpos
-    others = [simulator.qpos[a : a + 3] for k, a in enumerate(addresses) if k != target]
-    neighbors = np.concatenate([np.array(others).reshape(-1, 3), query.handles()])
+    neighbors = np.concatenate([np.delete(simulator.middles, target, axis=0), simulator.handles])
     neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
     inside = query.in_fridge(point)
     origin = np.array([base.x, base.y])
     gripper_goals = pick_gripper_goals(point, origin, neighbors, inside)
     firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
-    if stands is not None:
-        return plan_reach(query, stands, gripper_goals, firm)
-    return plan_from_here(query, base, gripper_goals, point, firm, lambda: goals_aside(point, origin, neighbors))
+    return plan_from(query, base, gripper_goals, point, stands, firm, lambda: goals_aside(point, origin, neighbors))
 
 
 def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = lambda: False) -> Motion:
@@ -267,25 +254,18 @@ def _near(view: View) -> bool:
 
 def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
     """Return where to stand and how to reach a handle."""
-    point, origin = query.handles()[link], np.array([base.x, base.y])
+    point, origin = query.simulator.handles[link], np.array([base.x, base.y])
     gripper_goals = handle_gripper_goals(point, origin, _sides(query, link, point, origin))
-    if stands is not None:
-        return plan_reach(query, stands, gripper_goals)
-    plan = plan_reach(query, ahead(base, point, STANDS_AHEAD, TURNS), gripper_goals)
-    if plan is not None and plan.free:
-        return plan
-    farther = plan_reach(query, ahead(base, point, FARTHER_AHEAD, TURNS), gripper_goals)
-    return min((each for each in (plan, farther) if each is not None), key=lambda each: each.cost, default=None)
+    return plan_from(query, base, gripper_goals, point, stands)
 
 
 def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArray) -> list[FloatArray]:
     """Return directions from a handle in which the hand may wait: in front of a drawer; at a door's face or edge."""
-    scene = query.simulator.scene
-    handles = Handles.of(scene.apartment)
+    handles = query.simulator.scene.handles
     if handles.sign[link] == 0.0:
         return [handles.slide[link]]
-    q = query.position(link)
-    out = handles.one(link, q + 0.01) - point
+    q = float(query.simulator.links[link])
+    out = handles.at(q + 0.01)[link] - point
     radial = point - handles.origin[link]
     toward = np.array([*(origin - point[:2]), 0.0])
     face, edge, robot = (each / np.linalg.norm(each) for each in (out, radial * (1.0, 1.0, 0.0), toward))
@@ -295,7 +275,7 @@ def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArr
 
 def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
     """Move the held handle: a target point moves along the handle's path, gripper and base follow it."""
-    handles = Handles.of(view.simulator.scene.apartment)
+    handles = view.simulator.scene.handles
     lever = float(np.hypot(*handles.lever[link])) or 1.0
     wanted = float(view.state.link_position[0])
     tool = view.state.turned_to_gripper(view.state.handle - view.state.gripper)[0]
@@ -307,14 +287,14 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
         # The wanted place waits for the handle when it falls behind by more than a hand's breadth.
         if abs(wanted - now) * lever < 0.08:
             wanted += direction * min(SPEED / CONTROL_HZ / lever, abs(goal - wanted))
-        ahead_of_it = handles.one(link, wanted + 0.02 * direction) - handles.one(link, wanted)
+        ahead_of_it = handles.at(wanted + 0.02 * direction)[link] - handles.at(wanted)[link]
         along = view.base.to_local(ahead_of_it + np.array([view.base.x, view.base.y, 0.0]))
-        local = view.base.to_local(handles.one(link, wanted))
+        local = view.base.to_local(handles.at(wanted)[link])
         far, bearing = float(np.hypot(local[0], local[1])), float(np.arctan2(local[1], local[0]))
         forward = SPEED * along[0] / max(float(np.linalg.norm(along)), 1e-9)
         forward += 3.0 * (far - FARTHEST) if far > FARTHEST else 3.0 * (far - NEAREST) if far < NEAREST else 0.0
         turn = float(np.clip(bearing, -0.3, 0.3)) if abs(bearing) > 0.6 else 0.0
-        arm = reach_for(view, handles.one(link, wanted), 0.7, tool)
+        arm = reach_for(view, handles.at(wanted)[link], 0.7, tool)
         yield view.action(float(np.clip(forward, -0.7, 0.7)), turn, arm)
 
 
@@ -352,12 +332,8 @@ def plan_place(
     """Return where to stand and how to bring the held object to its goal."""
     held = query.simulator.held
     half = get_kind(query.simulator.scene.placements[held].kind).half[2] if held >= 0 else PALM
-    gripper_goals = place_gripper_goals(
-        goal, np.array([base.x, base.y]), max(HEIGHT, PALM - half), query.in_fridge(goal)
-    )
-    return (
-        plan_from_here(query, base, gripper_goals, goal) if stands is None else plan_reach(query, stands, gripper_goals)
-    )
+    origin, height = np.array([base.x, base.y]), max(HEIGHT, PALM - half)
+    return plan_from(query, base, place_gripper_goals(goal, origin, height, query.in_fridge(goal)), goal, stands)
 
 
 BEST_DISTANCE = {
@@ -456,30 +432,23 @@ class Oracle(SkillAgent):
 
     def __init__(self) -> None:
         """Start without plans; a plan is made when a skill begins."""
-        self._motions: dict[int, Motion | None] = {}
-        self._views: dict[int, View] = {}
+        self._running: dict[int, tuple[View, Motion]] = {}
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
         view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
-        self._views[lane] = view
-        self._motions[lane] = MOTIONS[skill.name](view)
+        self._running[lane] = view, MOTIONS[skill.name](view)
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """See `SkillAgent.act`. After the end of a motion the robot stands still, or signals "stop"."""
         actions = np.zeros((len(lanes), ACTION_SIZE))
-        for row, lane in enumerate(lanes):
-            number = int(lane)
-            self._views[number].state = state[row : row + 1]
-            motion = self._motions[number]
-            if motion is not None:
-                try:
-                    actions[row] = next(motion)
-                    actions[row, STOP] = -1.0  # it knows better than the map where to stop
-                    continue
-                except StopIteration:
-                    self._motions[number] = None
-            actions[row, STOP] = float(skill.name == "navigate")
+        for row, lane in enumerate(lanes.tolist()):
+            view, motion = self._running[lane]
+            view.state = state[row : row + 1]
+            if (action := next(motion, None)) is None:
+                actions[row, STOP] = float(skill.name == "navigate")
+            else:
+                actions[row], actions[row, STOP] = action, -1.0  # it knows better than the map where to stop
         return actions

@@ -17,27 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
+from perdure.home.evaluate import outcomes
 from perdure.home.evaluate.files import check_distinct
 from perdure.home.evaluate.files import columns as file_columns
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
-from perdure.home.evaluate.outcomes import (
-    COUNTINGS,
-    DID_NOT_LAST,
-    FAILURE_CAUSES,
-    OTHER,
-    SUCCESS,
-    final_state,
-    handled,
-    label,
-    latched,
-    outcome,
-    placement,
-    placement_cause,
-    release_offset,
-    stabilizing,
-    stages_stabilizing,
-    tilt,
-)
+from perdure.home.evaluate.outcomes import COUNTINGS, DID_NOT_LAST, FAILURE_CAUSES, OTHER, SUCCESS
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.tasks.tasks import TASKS, get_task
 from perdure.stats import Interval, estimate_interval, make_units, survival_interval
@@ -67,6 +51,11 @@ class Placed:
         return self.log.run_at(self.release.step)
 
     @property
+    def offset(self) -> tuple[float, float]:
+        """See `outcomes.release_offset`."""
+        return outcomes.release_offset(self.log, self.release)
+
+    @property
     def displacement(self) -> FloatArray:
         """From the release to the end of its track in [m]. Shape (3,)."""
         return np.asarray(self.release.track.position[-1] - self.release.track.position[0])
@@ -86,7 +75,12 @@ class Placed:
     @property
     def stays(self) -> bool:
         """Whether it is goal-stabilizing."""
-        return stabilizing(self.log)[self.target]
+        return outcomes.stabilizing(self.log)[self.target]
+
+    @property
+    def cause(self) -> str:
+        """Failure cause, or `STAYED`."""
+        return STAYED if self.stays else outcomes.placement_cause(self.log, self.target)
 
     def inside(self, step: int) -> bool:
         """Return whether the object is in its goal at a step."""
@@ -97,11 +91,11 @@ Columns = Mapping[str, tuple[type, str, Callable[[Any], Any]]]
 """Column to its type, what it holds with the unit, and how it is computed. Before them: the log's `IDENTITY`."""
 IDENTITY = (*GROUP, *SAME_EPISODE)
 EPISODES: Columns = {
-    "success": (bool, "whether the whole task succeeded, latched", lambda log: latched(log)[-1]),
-    "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: stages_stabilizing(log)[-1]),
-    "final": (bool, "see `outcomes.final_state`", final_state),
+    "success": (bool, "whether the whole task succeeded, latched", lambda log: outcomes.latched(log)[-1]),
+    "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: outcomes.stages_stabilizing(log)[-1]),
+    "final": (bool, "see `outcomes.final_state`", outcomes.final_state),
     "scripted": (int, "scripted skills that stood in for a policy", lambda log: sum(run.scripted for run in log.runs)),
-    "outcome": (str, "see `outcomes.outcome`", outcome),
+    "outcome": (str, "see `outcomes.outcome`", outcomes.outcome),
     "seconds": (float, "duration [s]", lambda log: log.steps / log.control_hz),
     "settle_seconds": (float, "settling time after it [s]", lambda log: (log.length - log.steps) / log.control_hz),
     "force": (
@@ -126,13 +120,9 @@ PLACEMENTS: Columns = {
     "skill": (str, "skill in which it was released", lambda at: at.run.skill if at.run else ""),
     "place_step": (int, "steps of its place skill before the hand opened; -1: none", lambda at: at.place_step),
     "forced": (bool, "whether the hand was opened by force", lambda at: at.forced),
-    "release_height": (float, "height at the release above rest [m]", lambda at: release_offset(at.log, at.release)[1]),
-    "release_offset": (
-        float,
-        "from its goal in the plane [m]",
-        lambda at: release_offset(at.log, at.release)[0],
-    ),
-    "tilt": (float, "of its z axis at the release [deg]", lambda at: float(tilt(at.release.track.up[0]))),
+    "release_height": (float, "height at the release above rest [m]", lambda at: at.offset[1]),
+    "release_offset": (float, "from its goal in the plane [m]", lambda at: at.offset[0]),
+    "tilt": (float, "of its z axis at the release [deg]", lambda at: float(outcomes.tilt(at.release.track.up[0]))),
     "object_speed": (float, "at the release [m/s]", lambda at: at.release.object_speed),
     "gripper_speed": (float, "at the release [m/s]", lambda at: at.release.gripper_speed),
     "base_speed": (float, "at the release [m/s]", lambda at: at.release.base_speed),
@@ -140,7 +130,7 @@ PLACEMENTS: Columns = {
     "in_goal_skill_end": (
         bool,
         "... when its last place skill ended",
-        lambda at: at.inside((handled(at.log, at.target) or (0, 1))[1] - 1),
+        lambda at: at.inside((outcomes.handled(at.log, at.target) or (0, 1))[1] - 1),
     ),
     "in_goal_end": (bool, "... at the last step of the episode", lambda at: at.inside(at.log.steps - 1)),
     "in_goal_settled": (bool, "... at the last step of the settling time", lambda at: at.inside(at.log.length - 1)),
@@ -151,7 +141,7 @@ PLACEMENTS: Columns = {
         lambda at: float(np.hypot(*at.displacement[:2])),
     ),
     "fall": (float, "the same, downwards [m]", lambda at: -float(at.displacement[2])),
-    "cause": (str, "failure cause, or stayed", lambda at: STAYED if at.stays else placement_cause(at.log, at.target)),
+    "cause": (str, "failure cause, or stayed", lambda at: at.cause),
 }
 
 
@@ -188,9 +178,9 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     check_distinct(logs, "the logs")
     logs = sorted(logs, key=lambda log: log.key)
     episodes = _frame(EPISODES, ((log, log) for log in logs))
-    labels = ((log, (way, label(log, way))) for way in COUNTINGS for log in logs)
+    labels = ((log, (way, outcomes.label(log, way))) for way in COUNTINGS for log in logs)
     failures = _frame(FAILURES, ((log, found) for log, found in labels if found[1] is not None))
-    released = ((log, target, placement(log, target)) for log in logs for target in range(len(log.targets)))
+    released = ((log, target, outcomes.placement(log, target)) for log in logs for target in range(len(log.targets)))
     placements = _frame(PLACEMENTS, ((log, Placed(log, k, each)) for log, k, each in released if each is not None))
     stages = stage_table(logs, np.random.default_rng(seed))
     return Analysis(
@@ -237,7 +227,7 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
         seeds = np.array([log.train_seed for log in part])
         runs = np.array([f"{log.train_seed} {log.eval_seed}" for log in part])
         for counting in COUNTINGS:
-            count = latched if counting == "latched" else stages_stabilizing
+            count = outcomes.latched if counting == "latched" else outcomes.stages_stabilizing
             reached = np.array([count(log) for log in part], dtype=np.float64)
             mean, error = over_runs(reached, runs)
             found = survival_interval(reached, seeds, rng)

@@ -1,8 +1,7 @@
 """Execute episodes, many at once: a planner chooses the skills one by one (`perdure.home.tasks.planners`).
 
 As in TP+SRL a skill ends by its own stop rule or at its step limit. After a place, open or close that timed out the
-hand is opened by force. The episode ends with the plan or at the task's step
-limit. Then the simulation runs on for a
+hand is opened by force. The episode ends with the plan or at the task's step limit. Then the simulation runs on for a
 settling time in which the robot stands still, so that the log shows which objects stay at their goals.
 """
 
@@ -23,7 +22,7 @@ from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
-from perdure.home.sim.simulator import ACTION_SIZE
+from perdure.home.sim.simulator import ACTION_SIZE, Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
@@ -114,23 +113,21 @@ class Recorder:
         return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
 
 
-def final_objects(world: VectorSimulator, lane: int) -> tuple[FinalObject, ...]:
+def final_objects(lane: Simulator) -> tuple[FinalObject, ...]:
     """Return pose and speed of every object in the scene of a lane, targets first."""
-    simulator = world.simulator(lane)
-    placements, held = simulator.scene.placements, simulator.held
-    poses, velocities = world.objects(np.array([lane]), len(placements))
-    kinds = (placement.kind for placement in placements)
-    rows = zip(kinds, poses[0].tolist(), norm(velocities[0]).tolist(), strict=True)
+    poses, velocities = lane.objects(len(lane.scene.placements))
+    rows = zip(lane.scene.placements, poses.tolist(), norm(velocities).tolist(), strict=True)
     return tuple(
-        FinalObject(kind, (x, y, z), (qw, qx, qy, qz), speed, k == held)
-        for k, (kind, (x, y, z, qw, qx, qy, qz), speed) in enumerate(rows)
+        FinalObject(placement.kind, (x, y, z), (qw, qx, qy, qz), speed, k == lane.held)
+        for k, (placement, (x, y, z, qw, qx, qy, qz), speed) in enumerate(rows)
     )
 
 
-def held_target(state: PrivilegedState, targets: int) -> IntArray:
-    """Return the number of the target in the hand, NOTHING, or SOMETHING_ELSE. Shape (lanes,)."""
-    held = np.where((state.held >= 0) & (state.held < targets), state.held, NOTHING)
-    return np.where((held == NOTHING) & ~state.empty_hand, SOMETHING_ELSE, held)
+def held_target(lane: Simulator, targets: int) -> int:
+    """Return the number of the target in the hand, NOTHING, or SOMETHING_ELSE."""
+    if 0 <= lane.held < targets:
+        return lane.held
+    return NOTHING if lane.held < 0 and lane.held_link < 0 else SOMETHING_ELSE
 
 
 def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
@@ -138,15 +135,6 @@ def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
     containers = [episode.container(target) for target in range(len(episode.goals))]
     drawer = next((scene.links.index(each) for each in containers if each not in (None, FRIDGE_DOOR)), -1)
     return drawer, scene.links.index(FRIDGE_DOOR)
-
-
-def door_positions(world: VectorSimulator, lanes: IntArray, doors: Sequence[tuple[int, int]]) -> FloatArray:
-    """Return how far drawer (0 where there is none) and fridge are open. Shape (lanes, 2)."""
-    rows = []
-    for lane, (drawer, fridge) in zip(lanes.tolist(), doors, strict=True):
-        links = world.simulator(lane).links.tolist()
-        rows.append((links[drawer] if drawer >= 0 else 0.0, links[fridge]))
-    return np.array(rows)
 
 
 def _target(episode: Episode, number: int) -> Target:
@@ -174,12 +162,16 @@ class Running:
     stood: dict[tuple[str, int], list[FloatArray]] = field(default_factory=dict)
     """Where the attempts of each skill and target began, x and y in [m]."""
 
+    def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, float]]:
+        """Return middles of the targets (targets, 3), what the hand holds, how far drawer and fridge are open."""
+        (drawer, fridge), links, targets = self.doors, lane.links.tolist(), len(self.episode.goals)
+        doors = links[drawer] if drawer >= 0 else 0.0, links[fridge]
+        return lane.middles[:targets], held_target(lane, targets), doors
+
     def facts(self, world: VectorSimulator, lane: int) -> WorldFacts:
         """Return the facts of now."""
-        lanes, targets = np.array([lane]), len(self.episode.goals)
-        objects, held = world.objects(lanes, targets)[0][0, :, :3], held_target(world.sense(lanes), targets)[0]
-        doors = door_positions(world, lanes, [self.doors])[0]
-        return WorldFacts(objects, self.episode.goal_positions, held, *doors)
+        objects, held, doors = self.read(world.simulator(lane))
+        return WorldFacts(objects, self.episode.goal_positions, np.array(held), *map(np.array, doors))
 
 
 StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
@@ -246,7 +238,7 @@ class Executor:
                 for lane, each in sorted(running.items()):
                     if each.settling < options.settle_steps and not each.recorder.diverged:
                         continue
-                    yield each.recorder.log(each.step, final_objects(world, lane), **self._named)
+                    yield each.recorder.log(each.step, final_objects(world.simulator(lane)), **self._named)
                     del running[lane]
                     if waiting:
                         running[lane] = self._start(world, lane, waiting.pop())
@@ -373,19 +365,16 @@ class Executor:
         world: VectorSimulator, lanes: IntArray, running: Mapping[int, Running], state: PrivilegedState
     ) -> None:
         """Add a row to the recorder of each lane after a control step; `state` is that of these lanes."""
-        everyone = [running[lane] for lane in lanes.tolist()]
-        targets, doors = len(everyone[0].episode.goals), [each.doors for each in everyone]
-        poses, velocities = world.objects(lanes, targets)
-        up = 1.0 - 2.0 * (poses[:, :, 4] ** 2 + poses[:, :, 5] ** 2)
-        speed = np.sqrt((velocities**2).sum(axis=2))
-        columns = (
-            *(poses[:, :, :3], held_target(state, targets), door_positions(world, lanes, doors)),
-            *(up, speed, state.gripper, state.base, state.contact_force),
-        )
-        for each, row, diverged in zip(everyone, zip(*columns, strict=True), state.diverged.tolist(), strict=True):
+        for row, lane in enumerate(lanes.tolist()):
+            each, simulator = running[lane], world.simulator(lane)
+            objects, held, doors = each.read(simulator)
+            poses, velocities = simulator.objects(len(objects))
+            up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
+            speed = np.sqrt((velocities**2).sum(axis=1))
+            robot = state.gripper[row], state.base[row], state.contact_force[row]
+            each.recorder.rows.append((objects, held, doors, up, speed, *robot))
+            each.recorder.diverged |= bool(state.diverged[row])
             if each.current is not None:
                 each.step += 1
             else:
                 each.settling += 1
-            each.recorder.diverged |= diverged
-            each.recorder.rows.append(row)

@@ -23,7 +23,7 @@ from perdure.errors import PerdureError
 from perdure.home.evaluate.log import Column, EpisodeLog
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.runs import write_result
-from perdure.schema import Items, Kind, Parquet, Table, Text, Whole, read_json
+from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
 
 if TYPE_CHECKING:
     import polars as pl
@@ -31,11 +31,9 @@ if TYPE_CHECKING:
 SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "4"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
 _RESERVED = (*FORMAT, "sha256")
-NOTES = Table({}, others=Text(100_000, lines=True))
-"""A file's metadata."""
-POLICIES = Table({}, others=Text(5000, lines=True))
+POLICIES = dict[str, str]
 """The note `policies`: skill to the name of its policy, which may hold a path."""
-HAND_OVERS = Table({}, others=Whole(0))
+HAND_OVERS = dict[str, Count]
 """The note `hand_overs`: outcome of a release strategy to how often it came."""
 
 
@@ -71,34 +69,32 @@ class _Field:
         import polars as pl
 
         wide = {bool: pl.Boolean(), int: pl.Int64(), float: pl.Float64(), str: pl.String()}
-        narrow = {int: pl.Int32(), float: pl.Float32()}
-        one = pl.Struct(columns(self.part)) if self.part else ({**wide, **narrow} if self.column.narrow else wide)
-        found = one if isinstance(one, pl.DataType) else one[self.scalar]
-        return pl.List(found) if self.many else found
+        known = wide | {int: pl.Int32(), float: pl.Float32()} if self.column.narrow else wide
+        one = pl.Struct(columns(self.part)) if self.part else known[self.scalar]
+        return pl.List(one) if self.many else one
 
     def to_cells(self, value: Any) -> dict[str, Any]:
         """Return the cells of a value of this field."""
         if self.part is not None:
-            return {self.name: [to_row(each) for each in value] if self.many else to_row(value)}
-        if self.array:
+            value = [to_row(each) for each in value] if self.many else to_row(value)
+        elif self.array:
             value = value.T.tolist()
-        if self.column.names:
-            return dict(zip(self.names, value, strict=True))
-        return {self.name: list(value) if self.many else value}
+        elif self.many:
+            value = list(value)
+        return dict(zip(self.names, value if self.column.names else [value], strict=True))
 
     def from_cells(self, row: Mapping[str, Any]) -> Any:
         """Return the value of this field from a row's cells."""
         cells = [row[name] for name in self.names]
-        if self.part is not None:
-            return tuple(from_row(self.part, each) for each in cells[0]) if self.many else from_row(self.part, cells[0])
         if self.array:
             if len({len(cell) for cell in cells}) != 1:
                 raise PerdureError(f"the lists of {self.name} have different lengths: {[len(cell) for cell in cells]}")
             array = np.array(cells, dtype=np.int64 if self.scalar is int else np.float64).T
             return array if self.column.names else array[:, 0]
-        if self.column.names:
-            return tuple(cells)
-        return tuple(cells[0]) if self.many else cells[0]
+        value: Any = cells if self.column.names else cells[0]
+        if self.part is not None:
+            return tuple(from_row(self.part, each) for each in value) if self.many else from_row(self.part, value)
+        return tuple(value) if self.many or self.column.names else value
 
 
 @cache
@@ -158,18 +154,11 @@ def to_frame(records: Sequence[EpisodeLog]) -> pl.DataFrame:
     return pl.DataFrame([to_row(record) for record in records], schema=columns())
 
 
-def from_frame(frame: pl.DataFrame) -> list[EpisodeLog]:
-    """Return the logs of a table.
-
-    Raises:
-        PerdureError: A value is out of its range.
-        PerdureError: A log contradicts itself.
-    """
-    records = []
-    for row in frame.iter_rows(named=True):
+def _checked_rows(frame: pl.DataFrame) -> list[dict[str, Any]]:
+    rows = frame.to_dicts()
+    for row in rows:
         row_kind(EpisodeLog).check(row)
-        records.append(from_row(EpisodeLog, row))
-    return records
+    return rows
 
 
 def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: Mapping[str, str]) -> Path:
@@ -191,8 +180,7 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
         raise PerdureError(f"notes say {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
     frame = to_frame(logs)
     try:
-        for row in frame.iter_rows(named=True):
-            row_kind(EpisodeLog).check(row)
+        _checked_rows(frame)
     except PerdureError as error:
         raise PerdureError(f"the logs for {os.fspath(path)} cannot be written: {error}") from None
     buffer, about = io.BytesIO(), {**FORMAT, **notes, "sha256": digest(frame, notes)}
@@ -219,7 +207,6 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
         raise PerdureError(f"{path} is not a Parquet file")
     try:
         file = Parquet(content)
-        NOTES.check(file.notes)
     except PerdureError as error:
         raise PerdureError(f"{path} is a damaged Parquet file: {error}") from None
     notes = dict(file.notes)
@@ -235,27 +222,20 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
             raise PerdureError(f"wrong, missing or unknown columns {wrong}")
         if notes.pop("sha256", None) != digest(frame, notes):
             raise PerdureError("it is damaged, its content does not fit its SHA-256")
-        records = from_frame(frame)
+        records = [from_row(EpisodeLog, row) for row in _checked_rows(frame)]
         check_distinct(records, "it")
     except PerdureError as error:
         raise PerdureError(f"{path} does not hold what a file of logs must hold: {error}") from error
     return records, notes
 
 
-def read_note(notes: Mapping[str, str], name: str, table: Table) -> dict[str, Any] | None:
-    """Return a note that is a JSON object; None where it is missing.
-
-    Raises:
-        PerdureError: If it is something else, or holds what `table` does not allow.
-    """
-    if name not in notes:
-        return None
+def read_note(notes: Mapping[str, str], name: str, kind: Any) -> dict[str, Any]:
+    """Return a note that is a JSON object of some kind; empty where it is missing. PerdureError for anything else."""
     try:
-        value = read_json(notes[name])
-        table.check(value)
+        found: dict[str, Any] = read_json(notes.get(name, "{}"), kind)
     except PerdureError as error:
         raise PerdureError(f"the note {name} of logs must be a JSON object: {error}") from None
-    return dict(value)
+    return found
 
 
 def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:

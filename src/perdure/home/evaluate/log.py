@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Annotated, Literal, get_args
 
 import numpy as np
@@ -226,7 +225,7 @@ class EpisodeLog:
             (not self.diverged and self.length == self.steps, "no settling time after its last step"),
             (not self.control_hz > 0.0, f"a control rate of {self.control_hz} Hz"),
             (not self.events or self.events[0].step != 0, "no event at step 0"),
-            (_not_rising([e.step for e in self.events], self.length), "events out of order"),
+            ((np.diff(self._event_steps, append=self.length) <= 0).any(), "events out of order"),
             (any(len(e.in_goal) != len(self.targets) for e in self.events), "events about other targets"),
             (any(not 0 <= k < len(self.targets) for k in about), "a run or release of an unknown target"),
             (any(e.held >= len(self.targets) for e in self.events), "a held target that is not there"),
@@ -285,10 +284,6 @@ def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
     if kept[-1] != len(points) - 1:
         kept.append(len(points) - 1)
     return np.array(kept)
-
-
-def _not_rising(steps: list[int], length: int) -> bool:
-    return any(b <= a for a, b in pairwise(steps)) or steps[-1:] > [length - 1]
 
 
 _DOORS = [predicate(f"{name}()") for name in PREDICATES if name.endswith(("drawer", "fridge"))]

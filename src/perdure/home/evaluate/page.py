@@ -72,8 +72,8 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
                 raise PerdureError(f"{other} and {path} both hold {record.name}; leave one of the two files out")
         records += read
         commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
-        acting = read_note(notes, "policies", POLICIES) or {}
-        counts = read_note(notes, "hand_overs", HAND_OVERS) or {}
+        acting = read_note(notes, "policies", POLICIES)
+        counts = read_note(notes, "hand_overs", HAND_OVERS)
         for group in dict.fromkeys((record.task, record.split, record.strategy) for record in read):
             policies |= {(*group, printable(skill), printable(name)): None for skill, name in acting.items()}
             hand_overs.update({(*group, printable(outcome)): count for outcome, count in counts.items()})

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import Learned, Scripted, SkillAgent
 from perdure.home.agents.release import STRATEGIES, make_strategy
 from perdure.home.agents.scripted import Oracle
@@ -104,11 +104,10 @@ class SkillPolicy:
             return ORACLE
         path = Path(self.source)
         shipped = path.is_relative_to(SHIPPED)
-        where = f"{_SHIPPED_AS}{path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
+        where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
         return f"{where} (SHA-256 {self.sha256[:8]})"
 
 
-_SHIPPED_AS = "shipped "
 _CLOCK = re.compile(r"@(\w+:[^/]*)$")
 
 
@@ -152,9 +151,8 @@ def choose_policies(
             there, for it would pass for a result of that training.
     """
     chosen, release = dict(chosen or {}), release or read_release("rl")
-    unknown = chosen.keys() - SKILLS.keys()
-    if unknown:
-        raise PerdureError(f"no skill is named {sorted(unknown)[0]!r}; there are {', '.join(SKILLS)}")
+    for skill in chosen:
+        lookup(SKILLS, skill, "skill")
     learned = [each for each in needed_skills(get_task(task), planner) if each != "reset_arm"]
     unused = [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]
     if unused:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
@@ -23,12 +23,13 @@ from perdure.home.evaluate.policies import (
     make_agents,
     read_release,
 )
-from perdure.home.sim.scene import SceneOptions, WorldOptions
+from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planners import needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.runs import Observer, Store, Unit, Work, run_missing, versions
+from perdure.schema import read_json
 
 BLOCK = 50
 """Episodes in a block: a killed run loses at most one block, about a minute; blocks run side by side."""
@@ -99,17 +100,6 @@ class EvaluationProtocol:
         names = needed_skills(get_task(self.task), self.options.planner)
         return {name: get_skill(name, **(self.release.options if name == "place" else {})) for name in names}
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON values for the notes of logs, see `from_json`."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, settings: Mapping[str, Any]) -> Self:
-        """Return the protocol that `to_json` described, also after it has been text."""
-        options = dict(settings["options"])
-        scene = SceneOptions(**options.pop("scene"))
-        return cls(**{**settings, "options": ExecutorOptions(**options, scene=scene)})
-
 
 @dataclass(frozen=True)
 class EpisodeBlock:
@@ -166,14 +156,10 @@ def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]
 
 def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol:
     """Return the protocol that made a log file, from its notes; PerdureError with `name` where none is noted."""
-    try:
-        return EvaluationProtocol.from_json(json.loads(notes["protocol"]))
-    except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, PerdureError):
-            raise
-        raise PerdureError(
-            f"{name} does not say with which options it was made, as logs of perdure home run do"
-        ) from None
+    if "protocol" not in notes:
+        raise PerdureError(f"{name} does not say with which options it was made, as logs of perdure home run do")
+    protocol: EvaluationProtocol = read_json(notes["protocol"], EvaluationProtocol)
+    return protocol
 
 
 def run_block(
@@ -200,7 +186,7 @@ def run_block(
         work.report(len(logs), len(episodes))
     logs.sort(key=lambda log: log.index)
     notes = {
-        "protocol": json.dumps(protocol.to_json()),
+        "protocol": json.dumps(asdict(protocol)),
         "policies": json.dumps({skill: each.name for skill, each in policies.items()}),
         "command": command,
     }

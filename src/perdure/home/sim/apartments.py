@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError, lookup
-from perdure.home.sim import furniture, occupancy
+from perdure.home.sim import occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.geoms import (
     BUMPER_BIT,
@@ -37,7 +37,18 @@ from perdure.home.sim.geoms import (
     geom_type,
 )
 from perdure.home.sim.occupancy import CLIMB, REACH_UP, FreeSpace, footprints, free_space
-from perdure.home.sim.pieces import Apartment, Articulation, Piece, Pose, Receptacle, Solid, Zone
+from perdure.home.sim.pieces import (
+    COLORS,
+    Apartment,
+    Articulation,
+    Piece,
+    Pose,
+    Receptacle,
+    Solid,
+    Zone,
+    make_piece,
+    room_walls,
+)
 from perdure.schema import Record, read_json
 
 if TYPE_CHECKING:
@@ -110,7 +121,7 @@ def draw_apartments(macro: int, micro: int, seed: int) -> Iterator[Apartment]:
         if not 0 <= number < count:
             raise PerdureError(f"{name} must be one of 0 to {count - 1}, not {number}")
     layout, rng = LAYOUTS[macro], np.random.Generator(np.random.PCG64([seed, macro, micro]))
-    walls = furniture.room_walls(layout.room, layout.partitions)
+    walls = room_walls(layout.room, layout.partitions)
     return (Apartment(macro, micro, seed, layout.room, walls, _draw_pieces(layout, rng)) for _ in itertools.count())
 
 
@@ -119,7 +130,7 @@ def _draw_pieces(layout: Layout, rng: np.random.Generator) -> tuple[Piece, ...]:
     for kind, places in layout.places.items():
         order = np.argsort(rng.random(len(places)), kind="stable")
         for name, choice in zip(NAMES.get(kind, (kind,)), order, strict=False):
-            pieces.append(furniture.make_piece(kind, name, _draw_pose(places[choice], rng)))
+            pieces.append(make_piece(kind, name, _draw_pose(places[choice], rng)))
     return tuple(pieces)
 
 
@@ -194,10 +205,8 @@ def _stacked(bodies: Sequence[Piece], low: float = CLIMB, high: float = REACH_UP
 
 
 def _zone_rectangle(piece: Piece, zone: Zone) -> FloatArray:
-    middle = 0.5 * (np.array(zone.low) + np.array(zone.high))
-    half = 0.5 * (np.array(zone.high) - np.array(zone.low))
-    x, y = piece.pose.to_room(middle)
-    return np.array([[x, y, half[0], half[1], piece.pose.yaw]])
+    low, high = np.array(zone.low), np.array(zone.high)
+    return np.array([[*piece.pose.to_room(0.5 * (low + high)), *(0.5 * (high - low)), piece.pose.yaw]])
 
 
 def farthest_point(apartment: Apartment, receptacle: Receptacle, space: FreeSpace) -> float:
@@ -255,7 +264,7 @@ def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: int, co
         type=geom_type(solid.shape),
         pos=solid.center,
         size=(solid.half[0], solid.half[2], 0.0) if solid.shape == "cylinder" else solid.half,
-        rgba=furniture.COLORS[solid.color],
+        rgba=COLORS[solid.color],
         group=group,
         contype=ROBOT_BIT if collides else 0,
         conaffinity=conaffinity if collides else 0,

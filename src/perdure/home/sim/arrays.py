@@ -6,8 +6,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
-"""Red, green and blue from 0 to 255. Shape (height, width, 3)."""
 Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """(w, x, y, z)."""

@@ -17,8 +17,6 @@ may move and 0 for joints at a limit. Base and torso stand still.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -93,23 +91,14 @@ CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
 """Errors of `reach` below which a pose counts as reached."""
 
 
-@dataclass(frozen=True)
-class _Solver:
-    """Constants of one solver (our choice)."""
-
-    damping: float
-    """d, as an absolute value ..."""
-    damping_per_error: float
-    """... plus this share of the norm of the weighted error, added in squares (Sugihara, 2011)."""
-    turn_weight: float
-    """Meters that a radian of the gripper weighs as much as."""
-    largest: float
-    """Largest joint step of one iteration in [rad]."""
-
-
-_TOWARD = _Solver(0.01, 0.0, 0.3, LARGEST)
-_EXACT = _Solver(1e-3, 0.03, 0.5, 0.4)
-_MANY = _Solver(0.05, 0.0, 1.0, 0.3)
+TOWARD_DAMPING, REACH_DAMPING, MANY_DAMPING = 0.01, 1e-3, 0.05
+"""d of each solver (our choice, as all that follows)."""
+DAMPING_PER_ERROR = 0.03
+"""What `reach` adds to d, in squares: this share of the norm of the weighted error (Sugihara, 2011)."""
+TOWARD_TURN, REACH_TURN = 0.3, 0.5
+"""Meters that a radian of the gripper weighs as much as."""
+REACH_LARGEST, MANY_LARGEST = 0.4, 0.3
+"""Largest joint step of one iteration in [rad]."""
 _MANY_LONGEST = 0.15, 0.5
 """Largest displacement in [m] and turn in [rad] that one iteration of `reach_many` asks for."""
 
@@ -119,7 +108,6 @@ def toward(
     displacement: ArrayLike,
     *,
     rotation: ArrayLike | None = None,
-    torso: ArrayLike = TORSO_HEIGHT,
     largest: float = LARGEST,
 ) -> FloatArray:
     """Return joint steps that move the gripper point by a small displacement and keep its rotation.
@@ -128,7 +116,6 @@ def toward(
         arm: Joint angles in [rad]. Shape (..., 7).
         displacement: Wanted motion of the gripper point in the base frame in [m]. Shape (..., 3).
         rotation: Rotation to turn to (or to return to, over many steps); None keeps the present one. Shape (..., 3, 3).
-        torso: Height of the torso in [m]. Shape (...) or one number.
         largest: Largest joint step in [rad]. A longer step is shortened as a whole; its direction is kept.
 
     Returns:
@@ -142,11 +129,11 @@ def toward(
         raise PerdureError(f"displacement must have shape (..., 3), got {move.shape}")
     if not largest > 0.0:
         raise PerdureError(f"largest must be positive, got {largest}")
-    _, now, matrix = pose_and_jacobian(torso, angles)
+    _, now, matrix = pose_and_jacobian(TORSO_HEIGHT, angles)
     turn = np.zeros(3) if rotation is None else rotation_vector(now, rotation)
     batch = np.broadcast_shapes(matrix.shape[:-2], move.shape[:-1], turn.shape[:-1])
     motion = np.concatenate([np.broadcast_to(move, (*batch, 3)), np.broadcast_to(turn, (*batch, 3))], axis=-1)
-    step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, 7)), _TOWARD)
+    step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, 7)), TOWARD_TURN, TOWARD_DAMPING)
     return _shorten(step, np.max(np.abs(step), axis=-1, keepdims=True), largest)
 
 
@@ -170,8 +157,8 @@ def reach_many(
     for _ in range(iterations):
         way, turn, matrix = _error(points, wanted, approach, arm)
         way, turn = (_shorten(each, _length(each), most) for each, most in zip((way, turn), _MANY_LONGEST, strict=True))
-        step = damped_step(matrix, np.concatenate([way, turn], axis=1), _MANY.damping)
-        arm = np.clip(arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _MANY.largest), ARM_LOW, ARM_HIGH)
+        step = damped_step(matrix, np.concatenate([way, turn], axis=1), MANY_DAMPING)
+        arm = np.clip(arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), MANY_LARGEST), ARM_LOW, ARM_HIGH)
     way, turn, _ = _error(points, wanted, approach, arm)
     return arm, np.linalg.norm(way, axis=1), np.linalg.norm(turn, axis=1)
 
@@ -192,12 +179,13 @@ def reach(position: FloatArray, rotation: FloatArray, start: FloatArray) -> tupl
     for _ in range(61):
         way, turn, matrix = _error(position, rotation, rotation[:, 0], arm)
         now = np.concatenate([_length(way), _length(turn)], axis=1)[0]
-        if now @ (1.0, _EXACT.turn_weight) < errors @ (1.0, _EXACT.turn_weight):
+        if now @ (1.0, REACH_TURN) < errors @ (1.0, REACH_TURN):
             best, errors = arm, now
         if (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
             break
-        step = _step_within_limits(matrix, np.concatenate([way, turn], axis=1), arm, _EXACT)
-        arm = arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), _EXACT.largest)
+        motion = np.concatenate([way, turn], axis=1)
+        step = _step_within_limits(matrix, motion, arm, REACH_TURN, REACH_DAMPING, DAMPING_PER_ERROR)
+        arm = arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), REACH_LARGEST)
     return best[0], float(errors[0]), float(errors[1])
 
 
@@ -238,13 +226,13 @@ def rotation_vector(start: ArrayLike, end: ArrayLike) -> FloatArray:
     return np.asarray(0.5 * twice_sine * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))
 
 
-def _step_within_limits(matrix: FloatArray, motion: FloatArray, angles: FloatArray, solver: _Solver) -> FloatArray:
+def _step_within_limits(
+    matrix: FloatArray, motion: FloatArray, angles: FloatArray, turn_weight: float, least: float, per_error: float = 0.0
+) -> FloatArray:
     """Return the step that makes the motion as well as the limits allow; free joints make up for joints at a limit."""
-    weights = np.array([1.0] * 3 + [solver.turn_weight] * 3)
+    weights = np.array([1.0] * 3 + [turn_weight] * 3)
     matrix, motion = weights[:, None] * matrix, weights * motion
-    damping: float | FloatArray = solver.damping
-    if solver.damping_per_error:
-        damping = np.hypot(damping, solver.damping_per_error * np.linalg.norm(motion, axis=-1))
+    damping = np.hypot(least, per_error * np.linalg.norm(motion, axis=-1))
     step, free = np.zeros_like(angles), np.ones_like(angles)
     for _ in range(4):  # at most three joints reach their limits in one step, as a rule; the last clip is always made
         rest = motion - (matrix @ (step * (1.0 - free))[..., None])[..., 0]

@@ -115,13 +115,9 @@ def apartment_footprints(
 
 @lru_cache(maxsize=128)
 def static_footprints(apartment: Apartment) -> FloatArray:
-    """Return read-only footprints of walls and of the static parts of pieces, as `footprints`. Shape (n, 5)."""
-    parts = [
-        _without_covered(_rectangles(p.pose, p.solids, CLIMB, REACH_UP)) for p in (*apartment.walls, *apartment.pieces)
-    ]
-    together = np.concatenate(parts)
-    together.flags.writeable = False
-    return together
+    """Return footprints of walls and of the static parts of pieces, as `footprints`. Shape (n, 5)."""
+    bodies = (*apartment.walls, *apartment.pieces)
+    return np.concatenate([_without_covered(_rectangles(p.pose, p.solids, CLIMB, REACH_UP)) for p in bodies])
 
 
 def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray:
@@ -132,13 +128,8 @@ def moving_footprints(apartment: Apartment, positions: FloatArray) -> FloatArray
     parts = [np.zeros((0, 5))]
     for moving, q in zip(apartment.articulations, positions.tolist(), strict=True):
         if abs(q) > AJAR or moving.kind == "hinge":
-            parts.append(_moved_cached(apartment, moving.link, q))
+            parts.append(_moved(apartment.piece_of(moving.link), moving, q, CLIMB, REACH_UP))
     return np.concatenate(parts)
-
-
-@lru_cache(maxsize=8192)
-def _moved_cached(apartment: Apartment, link: str, q: float) -> FloatArray:
-    return _moved(apartment.piece_of(link), apartment.articulation(link), q, CLIMB, REACH_UP)
 
 
 def _rectangles(pose: Pose, solids: Iterable[Solid], low: float, high: float, lift: float = 0.0) -> FloatArray:
@@ -186,31 +177,28 @@ _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """The free cells of a room for a robot of one radius. Built by `free_space` or `FreeSpace.of`."""
+    """The free cells of a room. Built by `free_space` or `FreeSpace.of`."""
 
     room: tuple[tuple[float, float], ...]
     rectangles: FloatArray
     """Footprints in the way. Shape (n, 5)."""
-    radius: float
     free: BoolArray
     """Which cells are free; row along y, column along x. Shape (rows, columns)."""
 
     @staticmethod
-    def of(room: Sequence[tuple[float, float]], rectangles: FloatArray, radius: float = RADIUS) -> FreeSpace:
+    def of(room: Sequence[tuple[float, float]], rectangles: FloatArray) -> FreeSpace:
         """Return the free space of a room with footprints (n, 5) in it, its own walls among them; lengths in [m]."""
-        if not radius >= 0.0:
-            raise PerdureError(f"radius must be at least 0, not {radius}")
         low, high = np.min(room, axis=0), np.max(room, axis=0)
         columns, rows = np.ceil((high - low) / CELL - 1e-9).astype(int)
         points = _centers(low, np.indices((rows, columns)))  # (rows, columns, 2)
         free = inside(points.reshape(-1, 2), room).reshape(rows, columns)
         for rectangle in rectangles:  # each one only looks at the cells around it
             ring = (corners(rectangle[None])[0] - low) / CELL
-            (left, bottom), (right, top) = ring.min(axis=0) - radius / CELL, ring.max(axis=0) + radius / CELL
+            (left, bottom), (right, top) = ring.min(axis=0) - RADIUS / CELL, ring.max(axis=0) + RADIUS / CELL
             near = np.s_[max(int(bottom), 0) : max(int(top) + 1, 0), max(int(left), 0) : max(int(right) + 1, 0)]
             local = points[near].reshape(-1, 2)
-            free[near] &= (clearance(local, rectangle[None]) >= radius).reshape(free[near].shape)
-        return FreeSpace(tuple(room), rectangles, radius, free)
+            free[near] &= (clearance(local, rectangle[None]) >= RADIUS).reshape(free[near].shape)
+        return FreeSpace(tuple(room), rectangles, free)
 
     @cached_property
     def centers(self) -> FloatArray:
@@ -235,7 +223,7 @@ class FreeSpace:
 
     def is_free(self, points: FloatArray) -> BoolArray:
         """Return whether the robot can stand at points, which need not be cell centers. Shape (m, 2) -> (m,)."""
-        return (clearance(points, self.rectangles) >= self.radius) & inside(points, self.room)
+        return (clearance(points, self.rectangles) >= RADIUS) & inside(points, self.room)
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return the nearest free cell of the largest island to each point, and its distance in [m].
@@ -323,11 +311,6 @@ class Geodesic:
     toward: IntArray
     """The next cell on the way to the goal, negative at goals and on other islands. Shape (n,)."""
     _kept: dict[int, IntArray] = field(default_factory=dict, repr=False)
-
-    def at(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points to the goals, via the nearest cell of the largest island. (m, 2) -> (m,)."""
-        index, first = self.space.nearest(points)
-        return first + self.values[index]
 
     def ahead(self, x: float, y: float, cells: int) -> tuple[float, float, float]:
         """Return distance from a point, and the middle (x, y) of the cell so many cells on the way."""

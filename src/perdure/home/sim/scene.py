@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from functools import cached_property
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,8 @@ SERVO_HZ = 120
 LEVERS = (0.0, 0.0001, 0.0004, ROLLING)
 """Rolling resistances of tables and of training, see `WorldOptions.rolling`."""
 MOST_ROLLING = 0.01
-_WORDS = {
-    ("apple", "hull"): "hull-apple",
-    ("clutter", False): "no-clutter",
-    ("sleep", False): "no-sleep",
-}
-"""Word of an option in names."""
+_WORDS = {"apple": "hull-apple", "clutter": "no-clutter"}
+"""Word of an unusual option in names."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +52,8 @@ class WorldOptions:
             raise PerdureError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
         if not isinstance(self.rolling, float | int) or not 0.0 <= self.rolling <= MOST_ROLLING:
             raise PerdureError(f"rolling must be a lever arm from 0 to {MOST_ROLLING:g} m, not {self.rolling!r}")
-        for name, kind in get_type_hints(WorldOptions).items():
-            if get_origin(kind) is Literal and (value := getattr(self, name)) not in get_args(kind):
-                raise PerdureError(f"{name} must be one of {', '.join(get_args(kind))}, not {value!r}")
+        if self.apple not in get_args(AppleShape):
+            raise PerdureError(f"apple must be one of {', '.join(get_args(AppleShape))}, not {self.apple!r}")
 
     @property
     def unusual(self) -> dict[str, Any]:
@@ -72,7 +67,7 @@ class WorldOptions:
         """What is unusual in words for names: ("drag", "240-hz"), ("rolling-0.4-mm",)."""
         rolling = f"rolling-{1000.0 * self.rolling:g}-mm" if self.rolling else "drag"
         numbers = {"physics_hz": f"{self.physics_hz}-hz", "rolling": rolling}
-        return tuple(numbers.get(name) or _WORDS[name, value] for name, value in self.unusual.items())
+        return tuple({**_WORDS, **numbers}[name] for name in self.unusual)
 
 
 @dataclass(frozen=True)
@@ -85,13 +80,6 @@ class SceneOptions(WorldOptions):
     """Whether the scene contains clutter."""
     targets: tuple[int, ...] | None = None
     """Numbers of the targets in the scene, None for all."""
-    sleep: bool = True
-    """Whether bodies at rest fall asleep (MuJoCo's sleeping islands)."""
-
-    @property
-    def substeps(self) -> int:
-        """Physics steps in one control step."""
-        return self.physics_hz // CONTROL_HZ
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +90,15 @@ class Handles:
     """
 
     origin: FloatArray
-    """At q = 0 for drawers, the hinge at the handle's height for doors. Shape (..., links, 3)."""
+    """At q = 0 for drawers, the hinge at the handle's height for doors. Shape (links, 3)."""
     slide: FloatArray
-    """Direction of a drawer in the room, 0 for doors. Shape (..., links, 3)."""
+    """Direction of a drawer in the room, 0 for doors. Shape (links, 3)."""
     lever: FloatArray
-    """From a door's hinge to its handle at q = 0 in the room's x and y, 0 for drawers. Shape (..., links, 2)."""
+    """From a door's hinge to its handle at q = 0 in the room's x and y, 0 for drawers. Shape (links, 2)."""
     sign: FloatArray
-    """Whether a door turns to the left (1) or to the right (-1) as q grows, 0 for drawers. Shape (..., links)."""
+    """Whether a door turns to the left (1) or to the right (-1) as q grows, 0 for drawers. Shape (links,)."""
 
     @staticmethod
-    @lru_cache(maxsize=256)
     def of(apartment: Apartment) -> Handles:
         """Return the handles of an apartment, in the order of its articulations."""
         rows = []
@@ -128,48 +115,14 @@ class Handles:
         origin, slide, lever, sign = (np.array([row[k] for row in rows], dtype=np.float64) for k in range(4))
         return Handles(origin.reshape(-1, 3), slide.reshape(-1, 3), lever.reshape(-1, 2), sign)
 
-    @staticmethod
-    def none(lanes: int, links: int) -> Handles:
-        """Return room for the handles of many lanes, all infinitely far."""
-        shape = lanes, links
-        return Handles(np.full((*shape, 3), np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape))
-
-    def __getitem__(self, lanes: IntArray) -> Handles:
-        """Those of some lanes."""
-        return Handles(self.origin[lanes], self.slide[lanes], self.lever[lanes], self.sign[lanes])
-
-    def put(self, lane: int, other: Handles) -> None:
-        """Give a lane the handles of its apartment; room it does not need stays infinitely far."""
-        count = len(other.sign)
-        for name, empty in (("origin", np.inf), ("slide", 0.0), ("lever", 0.0), ("sign", 0.0)):
-            values = getattr(self, name)[lane]
-            values[:count], values[count:] = getattr(other, name), empty
-
-    def widened(self, more: int) -> Handles:
-        """Return a copy with space for more handles in each lane."""
-        empty = Handles.none(len(self.sign), more)
-        return Handles(
-            *(np.concatenate([getattr(self, each.name), getattr(empty, each.name)], axis=1) for each in fields(self))
-        )
-
-    def at(self, q: FloatArray) -> FloatArray:
-        """Return all handles. Shape (..., links) -> (..., links, 3)."""
-        cos, sin = np.cos(self.sign * q), np.sin(self.sign * q)
-        points: FloatArray = self.origin + q[..., None] * self.slide
-        points[..., 0] += cos * self.lever[..., 0] - sin * self.lever[..., 1]
-        points[..., 1] += sin * self.lever[..., 0] + cos * self.lever[..., 1]
+    def at(self, q: FloatArray | float) -> FloatArray:
+        """Return all handles at joint positions, one for each link or one for all. Shape (links, 3)."""
+        angle = self.sign * q
+        cos, sin = np.cos(angle), np.sin(angle)
+        points: FloatArray = self.origin + np.asarray(q)[..., None] * self.slide
+        points[:, 0] += cos * self.lever[:, 0] - sin * self.lever[:, 1]
+        points[:, 1] += sin * self.lever[:, 0] + cos * self.lever[:, 1]
         return points
-
-    def one(self, link: int, q: float) -> FloatArray:
-        """Return one handle, the same bits as in `at`. Shape (3,)."""
-        part = slice(link, link + 1)
-        angle = self.sign[part] * q
-        cos, sin = np.cos(angle)[0], np.sin(angle)[0]
-        point: FloatArray = self.origin[link] + q * self.slide[link]
-        lever = self.lever[link]
-        point[0] += cos * lever[0] - sin * lever[1]
-        point[1] += sin * lever[0] + cos * lever[1]
-        return point
 
 
 REACH = 1.6
@@ -214,16 +167,14 @@ class Nearby:
         fixed = ~robot
         fixed[object_bodies] = False
         low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
-        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        for geom in range(model.ngeom):
-            body = int(model.geom_bodyid[geom])
-            if not fixed[body]:
-                continue
-            turned = np.abs(data.geom_xmat[geom].reshape(3, 3)[:2])
-            middle = data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ model.geom_aabb[geom, :3]
-            half = np.full(2, np.inf) if planes[geom] else turned @ model.geom_aabb[geom, 3:]
-            low[body] = np.minimum(low[body], middle[:2] - half)
-            high[body] = np.maximum(high[body], middle[:2] + half)
+        axes, planes = data.geom_xmat.reshape(-1, 3, 3), model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        middle = data.geom_xpos + (axes @ model.geom_aabb[:, :3, None])[..., 0]
+        half = (np.abs(axes) @ model.geom_aabb[:, 3:, None])[..., 0]
+        half[planes] = np.inf
+        geoms = fixed[model.geom_bodyid]
+        bodies = model.geom_bodyid[geoms]
+        np.minimum.at(low, bodies, (middle - half)[geoms, :2])
+        np.maximum.at(high, bodies, (middle + half)[geoms, :2])
         moves = fixed & (model.body_weldid != 0)
         low[moves] -= SWING
         high[moves] += SWING
@@ -261,21 +212,6 @@ class Scene:
         return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_qposadr")
 
     @cached_property
-    def middles(self) -> IntArray:
-        """Where the objects' middles stand in `qpos`. Shape (objects, 3)."""
-        return self.object_qpos[:, None] + np.arange(3)
-
-    @cached_property
-    def poses(self) -> IntArray:
-        """Where the objects' poses stand in `qpos`. Shape (objects, 7)."""
-        return self.object_qpos[:, None] + np.arange(7)
-
-    @cached_property
-    def velocities(self) -> IntArray:
-        """Where the objects' linear velocities stand in `qvel`. Shape (objects, 3)."""
-        return self.object_qvel[:, None] + np.arange(3)
-
-    @cached_property
     def object_qvel(self) -> IntArray:
         """Address of each object's velocity in `qvel` (3 linear in the room, 3 angular in its own frame)."""
         return self._joint_addresses([f"object_{k}/free" for k in range(len(self.placements))], "jnt_dofadr")
@@ -283,13 +219,13 @@ class Scene:
     @cached_property
     def robot_qpos(self) -> slice:
         """Where the robot's joints stand in `qpos`, in the order of `perdure.home.sim.robot.JOINTS`."""
-        first = int(self._joint_addresses([JOINTS[0]], "jnt_qposadr")[0])
+        (first,) = self._joint_addresses(JOINTS[:1], "jnt_qposadr")
         return slice(first, first + len(JOINTS))
 
     @cached_property
     def robot_qvel(self) -> slice:
         """Where the robot's joints stand in `qvel`."""
-        first = int(self._joint_addresses([JOINTS[0]], "jnt_dofadr")[0])
+        (first,) = self._joint_addresses(JOINTS[:1], "jnt_dofadr")
         return slice(first, first + len(JOINTS))
 
     @cached_property
@@ -328,11 +264,6 @@ class Scene:
         return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
 
     @cached_property
-    def loose_geoms(self) -> BoolArray:
-        """Which geoms belong to objects. Shape (geoms,)."""
-        return np.isin(self.model.geom_bodyid, self.object_bodies)
-
-    @cached_property
     def arm_geoms(self) -> BoolArray:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
         model, inside = self.model, set()
@@ -341,11 +272,6 @@ class Scene:
             if body == first or int(model.body_parentid[body]) in inside:
                 inside.add(body)
         return np.isin(model.geom_bodyid, list(inside))
-
-    @cached_property
-    def gripper_offset(self) -> FloatArray:
-        """The gripper point in the frame of body `gripper_link`. Shape (3,)."""
-        return np.array(self.model.site("gripper").pos)
 
     @cached_property
     def handles(self) -> Handles:
@@ -357,13 +283,9 @@ class Scene:
         """Bounding boxes for the search of nearby bodies."""
         return Nearby.of(self.model, self.object_bodies)
 
-    def weld(self, number: int) -> int:
-        """Return the equality that holds object `number` in the gripper."""
-        return int(self.model.eq(f"hold/object_{number}").id)
-
-    def grip(self, link: int) -> int:
-        """Return the equality that holds the handle of link `link`."""
-        return int(self.model.eq(f"hold/{self.links[link]}").id)
+    def hold(self, body: str) -> int:
+        """Return the equality that holds an object, `object_k`, or the handle of a link in the gripper."""
+        return int(self.model.eq(f"hold/{body}").id)
 
     def _joint_addresses(self, names: Sequence[str], table: str) -> IntArray:
         addresses = getattr(self.model, table)
@@ -389,7 +311,7 @@ def build_scene(
     """
     options = options or SceneOptions()
     spec = build_apartment(apartment, visuals=options.visuals)
-    _set_physics(spec, options)
+    _set_physics(spec, options.physics_hz)
     for number, placement in enumerate(placements):
         add_object(spec, placement, f"object_{number}", visuals=options.visuals, apple=options.apple)
     add_fetch(spec, visuals=options.visuals)
@@ -397,44 +319,30 @@ def build_scene(
     return Scene(apartment, dict(opened or {}), tuple(placements), options, spec.compile())
 
 
-def _set_physics(spec: Any, options: SceneOptions) -> None:
+def _set_physics(spec: Any, physics_hz: int) -> None:
     import mujoco
 
-    spec.option.timestep = 1.0 / options.physics_hz
+    spec.option.timestep = 1.0 / physics_hz
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.ccd_tolerance = 1e-9  # with the default 1e-6 a can lying on its edge creeps and never sleeps
     # A diverged world must be reported, not reset silently.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    if options.sleep:
-        spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP  # bodies at rest fall asleep
 
 
 def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
     """One weld per object and one point-to-point constraint per handle, all switched off."""
     import mujoco
 
-    site = spec.site("gripper")
-    offset = np.array(site.pos)
+    def hold(body: str, kind: Any, **settings: Any) -> Any:
+        ends = {"objtype": mujoco.mjtObj.mjOBJ_BODY, "name1": "gripper_link", "name2": body}
+        return spec.add_equality(name=f"hold/{body}", type=kind, active=False, **ends, **settings)
+
     for number in range(objects):
-        equality = spec.add_equality(
-            name=f"hold/object_{number}",
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="gripper_link",
-            name2=f"object_{number}",
-            active=False,
-        )
-        data = np.zeros(len(equality.data))
-        data[3:6], data[6:10], data[10] = offset, (1.0, 0.0, 0.0, 0.0), 1.0
-        equality.data = data
+        weld = hold(f"object_{number}", mujoco.mjtEq.mjEQ_WELD)
+        data = np.zeros(len(weld.data))
+        data[3:6], data[6:10], data[10] = spec.site("gripper").pos, (1.0, 0.0, 0.0, 0.0), 1.0
+        weld.data = data
     for moving in apartment.articulations:
-        spec.add_equality(
-            name=f"hold/{moving.link}",
-            type=mujoco.mjtEq.mjEQ_CONNECT,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="gripper_link",
-            name2=moving.link,
-            active=False,
-            solref=HANDLE_SOLREF,
-        )
+        hold(moving.link, mujoco.mjtEq.mjEQ_CONNECT, solref=HANDLE_SOLREF)

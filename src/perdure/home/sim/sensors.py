@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footprints
 from perdure.home.sim.pieces import Apartment
-from perdure.home.sim.scene import CONTROL_HZ, Handles, Scene
-from perdure.home.sim.simulator import ARM_FROM, ARM_TO, GRASP_RADIUS, TORSO, Simulator
+from perdure.home.sim.simulator import ARM_FROM, ARM_TO, GRASP_RADIUS, Simulator
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,8 @@ class PrivilegedState:
     """Base in the room: x, y, heading. Shape (n, 3)."""
     base_velocity: FloatArray
     """Forward, to the left, turning. Shape (n, 3)."""
-    torso: FloatArray
-    """Height of the torso joint. Shape (n,)."""
     arm: FloatArray
     """Arm joint angles. Shape (n, 7)."""
-    arm_velocity: FloatArray
-    """Shape (n, 7)."""
     arm_target: FloatArray
     """Targets of the arm's servos. Shape (n, 7)."""
     gripper_in_base: FloatArray
@@ -74,8 +70,6 @@ class PrivilegedState:
     """Its middle in the room. Shape (n, 3)."""
     object_up: FloatArray
     """Its own z axis in the room. Shape (n, 3)."""
-    object_velocity: FloatArray
-    """Linear, in the room. Shape (n, 3)."""
     goal: FloatArray
     """Its goal position. Shape (n, 3)."""
     link: IntArray
@@ -113,7 +107,7 @@ class PrivilegedState:
 
     def __len__(self) -> int:
         """Number of lanes."""
-        return len(self.torso)
+        return len(self.base)
 
     def __getitem__(self, lanes: IntArray | slice | BoolArray) -> PrivilegedState:
         """Some of the lanes."""
@@ -188,127 +182,94 @@ def up_axis(quaternion: FloatArray) -> FloatArray:
     return up
 
 
-_NO_OBJECT = (np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+_NO_OBJECT = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+CELLS_AHEAD = 10
+"""Look-ahead of the waypoint in cells of 0.05 m."""
 
 
-class Readings:
-    """Arrays over all lanes; the names are those of `PrivilegedState`."""
+def read_state(
+    lanes: Sequence[Simulator],
+    goals: Sequence[SkillGoal],
+    known: Mapping[str, Any],
+    scan_reach: FloatArray,
+    neighbors: BoolArray,
+) -> PrivilegedState:
+    """Return the present state of n lanes.
 
-    def __init__(self, lanes: int) -> None:
-        """Begin with zeros for every lane."""
-        self.robot = np.zeros((lanes, ARM_TO))
-        self.robot_velocity = np.zeros((lanes, ARM_TO))
-        self.arm_target = np.zeros((lanes, 7))
-        self.gripper_in_base, self.gripper = np.zeros((lanes, 3)), np.zeros((lanes, 3))
-        self.gripper_velocity = np.zeros((lanes, 3))
-        self.rotation = np.zeros((lanes, 3, 3))
-        self.holds = np.full((lanes, 2), -1, dtype=np.int64)
-        self.held_point = np.zeros((lanes, 3))
-        self.object, self.object_velocity = np.zeros((lanes, 7)), np.zeros((lanes, 3))
-        self.handle, self.link_state = np.zeros((lanes, 3)), np.zeros((lanes, 2))
-        self.skill_goal = np.zeros((lanes, 2), dtype=np.int64)
-        self.goal, self.aim, self.front = np.zeros((lanes, 3)), np.zeros((lanes, 3)), np.zeros((lanes, 3))
-        self.force = np.zeros(lanes)
-        self.stopped = np.zeros(lanes, dtype=bool)
-        self.diverged = np.zeros(lanes, dtype=bool)
-        self._point, self._axes = np.zeros((lanes, 3)), np.zeros((lanes, 3, 3))
-        self._target: list[tuple[FloatArray, FloatArray]] = [_NO_OBJECT] * lanes
-
-    def read_robot(self, number: int, lane: Simulator) -> None:
-        """Read the joints of one lane's robot, and its gripper."""
-        self.robot[number] = lane.robot[:ARM_TO]
-        self.robot_velocity[number] = lane.robot_velocity[:ARM_TO]
-        self._point[number], self._axes[number] = lane.gripper, lane.gripper_axes
-
-    def move_grippers(self, chosen: IntArray, first: BoolArray) -> None:
-        """Update the grippers after the joints were read; their speed is 0 where it is the `first` reading."""
-        point, axes, base = self._point[chosen], self._axes[chosen], self.robot[chosen, :3]
-        cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
-        x, y = point[:, 0] - base[:, 0], point[:, 1] - base[:, 1]
-        position, rotation = point.copy(), axes.copy()
-        position[:, 0], position[:, 1] = cos * x + sin * y, cos * y - sin * x
-        cos, sin = cos[:, None], sin[:, None]
-        rotation[:, 0], rotation[:, 1] = cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]
-        moved = np.where(first[:, None], 0.0, (point - self.gripper[chosen]) * CONTROL_HZ)
-        self.gripper_in_base[chosen], self.rotation[chosen] = position, rotation
-        self.gripper[chosen], self.gripper_velocity[chosen] = point, moved
-
-    def take_skill_goal(self, number: int, lane: Simulator, skill_goal: SkillGoal) -> None:
-        """Set the skill goal of a lane."""
-        self.skill_goal[number] = skill_goal.target, skill_goal.link
-        self.stopped[number] = False
-        self.goal[number], self.aim[number] = skill_goal.goal, skill_goal.aim
-        self.front[number] = *skill_goal.front, 0.0
-        known = 0 <= skill_goal.target < len(lane.scene.placements)
-        self._target[number] = lane.object(skill_goal.target) if known else _NO_OBJECT
-        self.read_skill_goal(number, lane)
-
-    def read_skill_goal(self, number: int, lane: Simulator) -> None:
-        """Read the target, the handle and the held object of a lane."""
-        target = self._target[number]
-        self.object[number], self.object_velocity[number] = target
-        link = int(self.skill_goal[number, 1])
-        if link >= 0:
-            q = lane.qpos[lane.scene.link_qpos[link]]
-            self.handle[number] = lane.scene.handles.one(link, float(q))
-            self.link_state[number] = q, lane.qvel[lane.scene.link_qvel[link]]
-        else:
-            self.handle[number], self.link_state[number] = 0.0, 0.0
-        self.holds[number] = lane.held, lane.held_link
+    Args:
+        lanes: Their simulators.
+        goals: Their skill goals.
+        known: What a simulator does not tell, by name of the entry of `PrivilegedState`.
+        scan_reach: Range of each lane's scan in [m], 0 for none. Shape (n,).
+        neighbors: Whether the surroundings of each lane's target are looked at. Shape (n,).
+    """
+    n, gripper = len(lanes), known["gripper"]
+    robot, velocity, axes, pose = np.empty((n, ARM_TO)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 7))
+    handle, link, hold = np.zeros((n, 3)), np.zeros((n, 2)), gripper.copy()
+    for row, (lane, goal) in enumerate(zip(lanes, goals, strict=True)):
+        robot[row], velocity[row], axes[row] = lane.robot[:ARM_TO], lane.robot_velocity[:3], lane.gripper_axes
+        there = 0 <= goal.target < len(lane.scene.placements)
+        pose[row] = lane.object(goal.target)[0] if there else _NO_OBJECT
+        if goal.link >= 0:
+            handle[row] = lane.handles[goal.link]
+            link[row] = lane.links[goal.link], lane.qvel[lane.scene.link_qvel[goal.link]]
         if lane.held >= 0:
-            self.held_point[number] = lane.object(lane.held)[0][:3]
+            hold[row] = lane.object(lane.held)[0][:3]
         elif lane.held_link >= 0:
-            q = lane.qpos[lane.scene.link_qpos[lane.held_link]]
-            self.held_point[number] = lane.scene.handles.one(lane.held_link, float(q))
-        else:
-            self.held_point[number] = self.gripper[number]
+            hold[row] = lane.handles[lane.held_link]
+    base, flat = robot[:, :3], np.zeros((n, 1))
+    floor = np.concatenate([base[:, :2], flat], axis=1)
+    way, waypoint = np.zeros(n), floor.copy()
+    for row, (goal, (x, y, _)) in enumerate(zip(goals, base.tolist(), strict=True)):
+        if goal.route is not None:
+            way[row], waypoint[row, 0], waypoint[row, 1] = goal.route.ahead(x, y, CELLS_AHEAD)
+    moving = turn(np.concatenate([velocity[:, :2], flat], axis=1), -base[:, 2])
+    moving[:, 2] = velocity[:, 2]
+    cos, sin = np.cos(base[:, 2, None]), np.sin(base[:, 2, None])
+    rotation = axes.copy()
+    rotation[:, 0], rotation[:, 1] = cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]
+    target = np.array([goal.target for goal in goals], dtype=np.int64)
+    aim = np.array([goal.aim for goal in goals]).reshape(n, 3)
+    around = dict(zip(AROUND, (np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf)), strict=True))
+    if len(rows := np.flatnonzero(neighbors)):
+        found = look_around([lanes[row] for row in rows.tolist()], target[rows], gripper[rows])
+        for name, seen in zip(AROUND, found, strict=True):
+            around[name][rows] = seen
+    return PrivilegedState(
+        **known,
+        **around,
+        base=base,
+        base_velocity=moving,
+        arm=robot[:, ARM_FROM:ARM_TO],
+        gripper_in_base=turn(gripper - floor, -base[:, 2]),
+        gripper_rotation=rotation,
+        held=np.array([lane.held for lane in lanes], dtype=np.int64),
+        held_link=np.array([lane.held_link for lane in lanes], dtype=np.int64),
+        hold_error=norm(hold - gripper),
+        target=target,
+        object=pose[:, :3],
+        object_up=up_axis(pose[:, 3:]),
+        goal=np.array([goal.goal for goal in goals]).reshape(n, 3),
+        link=np.array([goal.link for goal in goals], dtype=np.int64),
+        handle=handle,
+        link_position=link[:, 0],
+        link_velocity=link[:, 1],
+        aim=aim,
+        way=way,
+        waypoint=waypoint,
+        front=np.array([(*goal.front, 0.0) for goal in goals]).reshape(n, 3),
+        facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
+        scan=scan(lanes, base, scan_reach),
+    )
 
-    def state(
-        self, chosen: IntArray, way: FloatArray, waypoint: FloatArray, scan: FloatArray, around: Neighbors
-    ) -> PrivilegedState:
-        """Return the record for some lanes. Shapes (m,), (m, 3), (m, beams)."""
-        robot, velocity, pose = self.robot[chosen], self.robot_velocity[chosen], self.object[chosen]
-        base, aim, gripper = robot[:, :3], self.aim[chosen], self.gripper[chosen]
-        flat = np.concatenate([velocity[:, :2], np.zeros((len(chosen), 1))], axis=1)
-        moving = turn(flat, -base[:, 2])
-        moving[:, 2] = velocity[:, 2]
-        holds, skill_goal, link = self.holds[chosen], self.skill_goal[chosen], self.link_state[chosen]
-        return PrivilegedState(
-            base=base,
-            base_velocity=moving,
-            torso=robot[:, TORSO],
-            arm=robot[:, ARM_FROM:ARM_TO],
-            arm_velocity=velocity[:, ARM_FROM:ARM_TO],
-            arm_target=self.arm_target[chosen],
-            gripper_in_base=self.gripper_in_base[chosen],
-            gripper_rotation=self.rotation[chosen],
-            gripper=gripper,
-            gripper_velocity=self.gripper_velocity[chosen],
-            held=holds[:, 0],
-            held_link=holds[:, 1],
-            hold_error=norm(self.held_point[chosen] - gripper),
-            target=skill_goal[:, 0],
-            object=pose[:, :3],
-            object_up=up_axis(pose[:, 3:]),
-            object_velocity=self.object_velocity[chosen],
-            goal=self.goal[chosen],
-            link=skill_goal[:, 1],
-            handle=self.handle[chosen],
-            link_position=link[:, 0],
-            link_velocity=link[:, 1],
-            aim=aim,
-            way=way,
-            waypoint=waypoint,
-            front=self.front[chosen],
-            facing_error=wrap(np.arctan2(aim[:, 1] - base[:, 1], aim[:, 0] - base[:, 0]) - base[:, 2]),
-            scan=scan,
-            neighbors=around.from_object,
-            neighbor_distance=around.distance,
-            handle_distance=around.handle_distance,
-            stopped=self.stopped[chosen],
-            contact_force=self.force[chosen],
-            diverged=self.diverged[chosen],
-        )
+
+def padded(parts: Sequence[FloatArray], fill: float | FloatArray, least: int = 1) -> FloatArray:
+    """Return arrays of different lengths as one, `least` or more rows each. Shapes (k_i, *) -> (n, k, *)."""
+    most = max(least, *map(len, parts))
+    result = np.full((len(parts), most, *parts[0].shape[1:]), fill)
+    for row, part in zip(result, parts, strict=True):
+        row[: len(part)] = part
+    return result
 
 
 BEAMS = 24
@@ -317,88 +278,61 @@ SCAN_RANGE = 5.0
 """Our choice: ranges beyond are cut, in [m]."""
 SCAN_ANGLES: FloatArray = np.linspace(0.0, 2.0 * np.pi, BEAMS, endpoint=False)
 """Of the beams, from straight ahead to the left."""
-NO_SCAN: FloatArray = np.full(BEAMS, SCAN_RANGE)
 OPEN_STEP = 0.01
-"""Drawers and doors count as open by multiples of it in [m] or [rad]: a footprint is looked up at each, not always."""
+"""Drawers and doors count as open by multiples of it in [m] or [rad], so that their footprints are found again."""
 NOT_ZERO = 1.1e-12
 """Added to directions of beams, because one along a side would divide by zero."""
 _NOTHING = np.array([0.0, 0.0, -1.0, -1.0, 1.0, 0.0])
 """A rectangle that no beam hits: x, y, half lengths, cosine and sine of its heading."""
 
 
-class Outlines:
-    """Footprints around n lanes, from which it computes scans: ranges from the robot's center to obstacles of the base.
+def scan(lanes: Sequence[Simulator], base: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return the ranges in [m] from the robots' centers to obstacles of the base. Shape (n, BEAMS).
 
     A Fetch makes such a scan from its laser, which looks 0.29 m above the floor, and from its head camera, which sees
     table tops above and shelves below. Everything that reaches between 0.05 and 1.5 m counts, with drawers and doors
     where they are now; loose objects do not.
+
+    Args:
+        lanes: Their simulators.
+        base: x, y, heading of the robots. Shape (n, 3).
+        reach: How far each lane looks in [m]; `SCAN_RANGE` is returned for what is farther. Shape (n,).
     """
+    ranges = np.full((len(lanes), BEAMS), SCAN_RANGE)
+    for each in np.unique(reach[reach > 0.0]).tolist():  # who looks far must not make the others' search longer
+        rows = np.flatnonzero(reach == each)
+        some = [lanes[row] for row in rows.tolist()]
+        positions = [np.round(lane.links / OPEN_STEP) * OPEN_STEP for lane in some]
+        shapes = [_outline(lane.scene.apartment, q.tobytes()) for lane, q in zip(some, positions, strict=True)]
+        ranges[rows] = _ranges(padded(shapes, _NOTHING), base[rows], each)
+    return ranges
 
-    def __init__(self, lanes: int) -> None:
-        """Begin with empty rooms."""
-        self._apartments: list[Apartment | None] = [None] * lanes
-        self._positions: list[FloatArray] = [np.zeros(0)] * lanes
-        self._exact = [b""] * lanes
-        self._static = [0] * lanes
-        self._count = np.zeros(lanes, dtype=np.int64)
-        self._rectangles = np.full((lanes, 1, 6), _NOTHING)
 
-    def renew(self, lane: int, apartment: Apartment, positions: FloatArray) -> None:
-        """Take over where drawers and doors of a lane are, in the order of the articulations. Shape (links,)."""
-        known, exact = self._apartments[lane], positions.tobytes()
-        if known is apartment and exact == self._exact[lane]:
-            return
-        self._exact[lane] = exact
-        # Rounded, not compared with the last scan: otherwise a scan would depend on earlier ones.
-        positions = np.round(positions / OPEN_STEP) * OPEN_STEP
-        if known is not apartment:
-            static = static_footprints(apartment)
-            self._put(lane, 0, static)
-            self._apartments[lane], self._static[lane] = apartment, len(static)
-        elif np.array_equal(positions, self._positions[lane]):
-            return
-        self._positions[lane] = positions
-        self._put(lane, self._static[lane], moving_footprints(apartment, positions))
+@lru_cache(maxsize=4096)
+def _outline(apartment: Apartment, positions: bytes) -> FloatArray:
+    """Return the footprints of furniture, drawers and doors: x, y, half lengths, cosine, sine. Shape (k, 6)."""
+    shapes = np.concatenate([static_footprints(apartment), moving_footprints(apartment, np.frombuffer(positions))])
+    return np.column_stack([shapes[:, :4], np.cos(shapes[:, 4]), np.sin(shapes[:, 4])])
 
-    def scan(self, lanes: IntArray, base: FloatArray, reach: float = SCAN_RANGE) -> FloatArray:
-        """Return ranges of some lanes (m,) in [m], `SCAN_RANGE` where nothing is within reach. Shape (m, BEAMS).
 
-        `base` is x, y, heading of their robots, shape (m, 3).
-        """
-        boxes = self._within(lanes, base, reach)[:, None]  # (m, 1, n, 6)
-        x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
-        dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
-        at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
-        angle = (base[:, 2, None] + SCAN_ANGLES)[:, :, None]
-        beam_x, beam_y = np.cos(angle), np.sin(angle)
-        slow_x, slow_y = 1.0 / (beam_x * cos + beam_y * sin + NOT_ZERO), 1.0 / (beam_y * cos - beam_x * sin + NOT_ZERO)
-        middle_x, spread_x = -at_x * slow_x, half_x * np.abs(slow_x)
-        middle_y, spread_y = -at_y * slow_y, half_y * np.abs(slow_y)
-        enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
-        leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
-        ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
-        return np.where(ranges <= reach, ranges, SCAN_RANGE)
-
-    def _within(self, lanes: IntArray, base: FloatArray, reach: float) -> FloatArray:
-        """Return the rectangles that a beam may reach, filled up with ones that none does. Shape (m, n, 6)."""
-        boxes = self._rectangles[lanes, : int(self._count[lanes].max(initial=1))]
-        away = np.hypot(boxes[..., 0] - base[:, :1], boxes[..., 1] - base[:, 1:2])
-        near = away - np.hypot(boxes[..., 2], boxes[..., 3]) <= reach
-        most = max(int(near.sum(axis=1).max(initial=0)), 1)
-        order = np.argsort(~near, axis=1, kind="stable")[:, :most]
-        return np.take_along_axis(boxes, order[:, :, None], axis=1)
-
-    def _put(self, lane: int, begin: int, rectangles: FloatArray) -> None:
-        end = begin + len(rectangles)
-        missing = end - self._rectangles.shape[1]
-        if missing > 0:
-            empty = np.full((len(self._count), missing, 6), _NOTHING)
-            self._rectangles = np.concatenate([self._rectangles, empty], axis=1)
-        self._rectangles[lane, begin:end, :4] = rectangles[:, :4]
-        self._rectangles[lane, begin:end, 4] = np.cos(rectangles[:, 4])
-        self._rectangles[lane, begin:end, 5] = np.sin(rectangles[:, 4])
-        self._rectangles[lane, end:] = _NOTHING
-        self._count[lane] = end
+def _ranges(rectangles: FloatArray, base: FloatArray, reach: float) -> FloatArray:
+    """Return the ranges to rectangles (n, k, 6), `SCAN_RANGE` where none is within reach. Shape (n, BEAMS)."""
+    away = np.hypot(rectangles[..., 0] - base[:, :1], rectangles[..., 1] - base[:, 1:2])
+    near = away - np.hypot(rectangles[..., 2], rectangles[..., 3]) <= reach
+    order = np.argsort(~near, axis=1, kind="stable")[:, : max(int(near.sum(axis=1).max()), 1)]
+    boxes = np.take_along_axis(rectangles, order[:, :, None], axis=1)[:, None]  # (n, 1, most, 6)
+    x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
+    dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
+    at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
+    angle = (base[:, 2, None] + SCAN_ANGLES)[:, :, None]
+    beam_x, beam_y = np.cos(angle), np.sin(angle)
+    slow_x, slow_y = 1.0 / (beam_x * cos + beam_y * sin + NOT_ZERO), 1.0 / (beam_y * cos - beam_x * sin + NOT_ZERO)
+    middle_x, spread_x = -at_x * slow_x, half_x * np.abs(slow_x)
+    middle_y, spread_y = -at_y * slow_y, half_y * np.abs(slow_y)
+    enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
+    leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
+    ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
+    return np.where(ranges <= reach, ranges, SCAN_RANGE)
 
 
 NEIGHBORS = 2
@@ -407,75 +341,34 @@ NEIGHBORHOOD = 0.5
 """Largest distance of a neighbor from the target in [m]."""
 
 
-class Neighbors(NamedTuple):
-    """The neighbors of the targets of n lanes."""
-
-    from_object: FloatArray
-    """From the target to the nearest other objects, in the room; 0 where there is none. Shape (n, NEIGHBORS, 3)."""
-    distance: FloatArray
-    """From the gripper point to the nearest other object in [m], inf without one. Shape (n,)."""
-    handle_distance: FloatArray
-    """From the gripper point to the nearest handle in [m], inf without one. Shape (n,)."""
+AROUND = ("neighbors", "neighbor_distance", "handle_distance")
+"""Entries of `PrivilegedState` that `look_around` returns."""
 
 
-def no_neighbors(n: int) -> Neighbors:
-    """Return empty neighborhoods of n targets."""
-    return Neighbors(np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf))
-
-
-class Surroundings:
-    """Objects and handles of n lanes, so that all are searched at once; missing ones are infinitely far.
+def look_around(
+    lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return `AROUND` for n lanes, from their simulators, the targets (n,) and the gripper points (n, 3).
 
     The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know
-    them; its head camera would show them.
+    them; its head camera would show them. A target that a scene does not have has no neighbors but handles.
     """
+    rows, middles = np.arange(len(lanes)), padded([lane.middles for lane in lanes], np.inf, NEIGHBORS + 1)
+    known = (targets >= 0) & (targets < [len(lane.scene.placements) for lane in lanes])
+    target = np.where(known, targets, 0)
+    at = np.where(known[:, None], middles[rows, target], 0.0)
+    middles[rows, target] = np.inf
+    middles[~known] = np.inf
+    apart = middles - at[:, None]
+    away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
+    nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
+    near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
+    from_object = np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0)
+    handles = padded([lane.handles for lane in lanes], np.inf)
+    return from_object, _nearest(middles, grippers), _nearest(handles, grippers)
 
-    def __init__(self, lanes: int) -> None:
-        """Begin without scenes."""
-        self._scenes: list[Scene | None] = [None] * lanes
-        self._middles = np.full((lanes, NEIGHBORS + 1, 3), np.inf)
-        self._objects = np.zeros(lanes, dtype=np.int64)
-        self._positions = np.zeros((lanes, 1))
-        self._handles = Handles.none(lanes, 1)
 
-    def look(self, numbers: IntArray, lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray) -> Neighbors:
-        """Return the neighbors of targets in n lanes, from their numbers (n,), the lanes and the gripper points (n, 3).
-
-        A target (n,) that a scene does not have has no neighbors but handles.
-        """
-        for number, lane in zip(numbers.tolist(), lanes, strict=True):
-            if self._scenes[number] is not lane.scene:
-                self._enter(number, lane.scene)
-            self._middles[number, : self._objects[number]] = lane.qpos[lane.scene.middles]
-            self._positions[number, : len(lane.scene.links)] = lane.links
-        handles = self._handles[numbers].at(self._positions[numbers])
-        handle_distance = norm((handles - grippers[:, None]).reshape(-1, 3)).reshape(len(numbers), -1).min(axis=1)
-        return Neighbors(*self._around(numbers, targets, grippers), handle_distance)
-
-    def _around(self, numbers: IntArray, targets: IntArray, grippers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        middles, rows = self._middles[numbers], np.arange(len(numbers))
-        known = (targets >= 0) & (targets < self._objects[numbers])
-        target = np.where(known, targets, 0)
-        at = np.where(known[:, None], middles[rows, target], 0.0)
-        middles[rows, target] = np.inf
-        middles[~known] = np.inf
-        distance = norm((middles - grippers[:, None]).reshape(-1, 3)).reshape(len(rows), -1).min(axis=1)
-        apart = middles - at[:, None]
-        away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
-        nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
-        near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
-        return np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0), distance
-
-    def _enter(self, number: int, scene: Scene) -> None:
-        """Make room for another scene."""
-        objects, links = len(scene.placements), len(scene.links)
-        more = objects - self._middles.shape[1]
-        if more > 0:
-            self._middles = np.pad(self._middles, ((0, 0), (0, more), (0, 0)), constant_values=np.inf)
-        more = links - self._positions.shape[1]
-        if more > 0:
-            self._positions = np.pad(self._positions, ((0, 0), (0, more)))
-            self._handles = self._handles.widened(more)
-        self._middles[number], self._positions[number] = np.inf, 0.0
-        self._handles.put(number, scene.handles)
-        self._scenes[number], self._objects[number] = scene, objects
+def _nearest(points: FloatArray, grippers: FloatArray) -> FloatArray:
+    """Return the distance from each gripper (n, 3) to the nearest of its points (n, k, 3). Shape (n,)."""
+    distance = norm((points - grippers[:, None]).reshape(-1, 3)).reshape(len(points), -1)
+    return np.asarray(distance.min(axis=1))

@@ -66,7 +66,7 @@ class Simulator:
         """Objects that have been held: they pass through the robot until the next reset."""
         first, last = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC)
         self._bad_states: NDArray[np.int32] = self.data.warning.number[first : last + 1]
-        self._substeps = scene.options.substeps
+        self._substeps = scene.options.physics_hz // CONTROL_HZ
         self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
         self._searched_from: tuple[float, float] | None = None
         self.set_rolling(scene.options.rolling)
@@ -119,8 +119,7 @@ class Simulator:
 
     def step(self) -> None:
         """One control step of physics; lets other threads run meanwhile."""
-        if self.scene.options.sleep:
-            self._exclude_far_bodies()
+        self._exclude_far_bodies()
         self._mujoco.mj_step(self.model, self.data, self._substeps)
         self._mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves poses as they were before its last step
 
@@ -128,6 +127,17 @@ class Simulator:
     def links(self) -> FloatArray:
         """How far each drawer and door is open, in the order of `Scene.links`. Shape (links,)."""
         return self.qpos[self.scene.link_qpos]
+
+    @property
+    def handles(self) -> FloatArray:
+        """Handles of all drawers and doors in the room. Shape (links, 3)."""
+        return self.scene.handles.at(self.links)
+
+    @property
+    def middles(self) -> FloatArray:
+        """Middles of all objects in the room. Shape (objects, 3)."""
+        middles: FloatArray = self.qpos[self.scene.object_qpos[:, None] + np.arange(3)]
+        return middles
 
     def forward(self) -> None:
         """Renew what MuJoCo derives from positions, without a step."""
@@ -138,6 +148,11 @@ class Simulator:
         address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
         return self.qpos[address : address + 7], self.qvel[speed : speed + 3]
 
+    def objects(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return poses and linear velocities of the first objects. Shapes (count, 7), (count, 3)."""
+        qpos, qvel = self.scene.object_qpos[:count, None], self.scene.object_qvel[:count, None]
+        return self.qpos[qpos + np.arange(7)], self.qvel[qvel + np.arange(3)]
+
     def grasp(self, gripper: FloatArray, rotation: FloatArray, handles: FloatArray) -> None:
         """The magic grasp: the nearest handle within reach, else the nearest object, turned to the gripper's axes.
 
@@ -146,18 +161,10 @@ class Simulator:
         """
         if self.held >= 0 or self.held_link >= 0:
             return
-        if len(handles):
-            distance = np.sqrt(((handles - gripper) ** 2).sum(axis=1))
-            nearest = int(distance.argmin())
-            if distance[nearest] <= GRASP_RADIUS:
-                self.hold_link(nearest, rotation.T @ (handles[nearest] - gripper), handles[nearest])
-                return
-        if len(self.scene.placements):
-            middles = self.qpos[self.scene.middles]
-            distance = np.sqrt(((middles - gripper) ** 2).sum(axis=1))
-            nearest = int(distance.argmin())
-            if distance[nearest] <= GRASP_RADIUS:
-                self.hold_object(nearest, gripper, rotation)
+        if (link := _within_reach(handles, gripper)) >= 0:
+            self.hold_link(link, rotation.T @ (handles[link] - gripper), handles[link])
+        elif (number := _within_reach(self.middles, gripper)) >= 0:
+            self.hold_object(number, gripper, rotation)
 
     def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
         """Attach the handle of a link to the hand at its present distance.
@@ -166,10 +173,10 @@ class Simulator:
         position is given from the gripper point along the gripper's axes, and in the room. Shapes (3,).
         """
         self.held_link = link
-        equality = self.scene.grip(link)
+        equality = self.scene.hold(self.scene.links[link])
         body = self.data.body(self.scene.links[link])
         self._mujoco.mj_kinematics(self.model, self.data)
-        self.model.eq_data[equality, :3] = in_gripper + self.scene.gripper_offset
+        self.model.eq_data[equality, :3] = in_gripper + self.model.site("gripper").pos
         self.model.eq_data[equality, 3:6] = body.xmat.reshape(3, 3).T @ (in_room - body.xpos)
         self.data.eq_active[equality] = 1
 
@@ -182,7 +189,7 @@ class Simulator:
         pose[:3] = gripper
         self._mujoco.mju_mat2Quat(pose[3:], rotation.ravel())
         self.qvel[speed : speed + 6] = 0.0
-        self.data.eq_active[self.scene.weld(number)] = 1
+        self.data.eq_active[self.scene.hold(f"object_{number}")] = 1
         self._collide(number, False)
         self._passing.add(number)
         self.held = number
@@ -191,10 +198,10 @@ class Simulator:
     def release(self) -> None:
         """Release whatever is held; an object keeps its velocity."""
         if self.held_link >= 0:
-            self.data.eq_active[self.scene.grip(self.held_link)] = 0
+            self.data.eq_active[self.scene.hold(self.scene.links[self.held_link])] = 0
             self.held_link = -1
         if self.held >= 0:
-            self.data.eq_active[self.scene.weld(self.held)] = 0
+            self.data.eq_active[self.scene.hold(f"object_{self.held}")] = 0
             self._counted[self.scene.object_geoms[self.held]] = False
             self.held = -1
 
@@ -226,8 +233,8 @@ class Simulator:
             dx, dy = x - self._searched_from[0], y - self._searched_from[1]
             if dx * dx + dy * dy < MOVED * MOVED:
                 return
-        nearby, scene = self.scene.nearby, self.scene
-        near = nearby.around(np.array([x, y]), self.qpos[scene.middles[:, :2]])
+        nearby = self.scene.nearby
+        near = nearby.around(np.array([x, y]), self.middles[:, :2])
         self.model.body_contype[:] = np.where(near, nearby.contype, 0)
         self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
         self._searched_from = x, y
@@ -242,3 +249,9 @@ class Simulator:
     def _collide(self, number: int, robot: bool) -> None:
         """Set whether an object collides with the robot; objects always collide with each other."""
         self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
+
+
+def _within_reach(points: FloatArray, gripper: FloatArray) -> int:
+    """Return the number of the nearest point (n, 3) if the magic grasp reaches it, else -1."""
+    distance = np.sqrt(((points - gripper) ** 2).sum(axis=1))
+    return int(distance.argmin()) if (distance <= GRASP_RADIUS).any() else -1

@@ -4,12 +4,12 @@
 and scores policies.
 """
 
-from perdure.home.skills.articulated import Articulated, CloseDrawer, CloseFridge, OpenDrawer, OpenFridge
+from perdure.home.skills.articulated import CloseDrawer, CloseFridge, OpenDrawer, OpenFridge
 from perdure.home.skills.navigate import Navigate
 from perdure.home.skills.pick import Pick, ResetArm, rest_error
 from perdure.home.skills.place import Place
 from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make_skill_goal
-from perdure.home.skills.skill import Element, ObservationTerm, Recipe, Skill, SkillProgress
+from perdure.home.skills.skill import Element, Skill, SkillProgress
 from perdure.home.skills.starts import Aim, region
 
 SKILLS.update({kind.name: kind for kind in (Pick, Place, OpenDrawer, CloseDrawer)})
@@ -18,17 +18,14 @@ SKILLS.update({kind.name: kind for kind in (OpenFridge, CloseFridge, Navigate, R
 __all__ = [
     "SKILLS",
     "Aim",
-    "Articulated",
     "CloseDrawer",
     "CloseFridge",
     "Element",
     "Navigate",
-    "ObservationTerm",
     "OpenDrawer",
     "OpenFridge",
     "Pick",
     "Place",
-    "Recipe",
     "ResetArm",
     "Skill",
     "SkillProgress",

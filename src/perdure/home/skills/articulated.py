@@ -65,8 +65,6 @@ class Articulated(Skill):
     """Wanted joint position in [m] or [rad]."""
     accepted: ClassVar[tuple[float, float]]
     """Range of accepted joint positions, both ends included (M3)."""
-    closes: ClassVar[bool] = False
-    """Whether the skill closes; else it opens."""
     knows_front: ClassVar[bool] = True
     """Whether the direction in which the handle faces is observed."""
     start_range: ClassVar[tuple[float, float] | None] = None
@@ -202,7 +200,6 @@ class CloseDrawer(Articulated):
     """M3's success condition and start states (`close_drawer_v0A`), except that the other drawers are closed."""
 
     name = "close_drawer"
-    closes = True
     knows_front = False
     wanted, accepted = 0.0, (-0.05, 0.05)
     success_text = success_text("the drawer is within 0.05 m of 0")
@@ -236,7 +233,6 @@ class CloseFridge(Articulated):
     """
 
     name = "close_fridge"
-    closes = True
     wanted, accepted = 0.0, (-0.15, 0.15)
     success_text = success_text("the door is within 0.15 rad of 0")
     object_at_start = "goal"

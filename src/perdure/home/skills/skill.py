@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, TypeVar, cast
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
@@ -68,12 +68,10 @@ class SkillProgress:
 
 def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
     """Return a copy of a dataclass of arrays in which the rows of `lanes` (m,) come from another one with m rows."""
-    changed = {}
-    for each in fields(record):
-        column = getattr(record, each.name).copy()
-        column[lanes] = getattr(other, each.name)
-        changed[each.name] = column
-    return cast(Record, type(record)(**changed))
+    changed = {each.name: getattr(record, each.name).copy() for each in fields(record)}
+    for name, column in changed.items():
+        column[lanes] = getattr(other, name)
+    return replace(record, **changed)
 
 
 def invalid_grasp(state: PrivilegedState) -> BoolArray:
@@ -415,20 +413,15 @@ class Skill(ABC):
     def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> starts.Start:
         """Draw a start state for training, without a check for contacts.
 
-        By default the robot stands within 2 m of what it acts on, faces it, and its container is open (M3, `pick_v1`,
-        `place_v1`).
+        By default the robot stands within 2 m of what it acts on, in front of its container, faces it, and the
+        container is open (M3, `pick_v1`, `place_v1`).
         """
-        apartment = episode.apartment()
-        opened = starts.draw_open(apartment, apartment.container(self.placement(episode, target).receptacle), rng)
-        return self.make_start(episode, target, opened, self.draw_base(episode, target, rng), rng)
-
-    def draw_base(self, episode: Episode, target: int, rng: np.random.Generator) -> Pose:
-        """Draw where the robot stands; in front of the container if there is one (our choice)."""
         apartment, placement = episode.apartment(), self.placement(episode, target)
-        inside = apartment.container(placement.receptacle) is not None
-        return starts.stand_near(
-            apartment, placement.position, rng, starts.front_of(apartment, placement) if inside else None
-        )
+        container = apartment.container(placement.receptacle)
+        opened = starts.draw_open(apartment, container, rng)
+        front = None if container is None else starts.front_of(apartment, placement)  # our choice
+        base = starts.stand_near(apartment, placement.position, rng, front)
+        return self.make_start(episode, target, opened, base, rng)
 
     def make_start(
         self, episode: Episode, target: int, opened: Mapping[str, float], base: Pose, rng: np.random.Generator

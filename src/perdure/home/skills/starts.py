@@ -334,8 +334,7 @@ def open_links(simulator: Simulator) -> dict[str, float]:
 
     Values are rounded to 0.01, so that cached free spaces are found again. Values up to 0.02 count as closed.
     """
-    q = simulator.qpos[simulator.scene.link_qpos]
-    rounded = {link: round(float(value), 2) for link, value in zip(simulator.scene.links, q, strict=True)}
+    rounded = {link: round(q, 2) for link, q in zip(simulator.scene.links, simulator.links.tolist(), strict=True)}
     return {link: value for link, value in rounded.items() if abs(value) > 0.02}
 
 
@@ -357,25 +356,29 @@ _MADE_BY = ("sim/*.py", "tasks/*.py", "data/*.json", "data/*.xml")
 """Files that determine the episodes."""
 
 
-def train_pool(task: str, count: int = POOL, seed: int = 0) -> EpisodeSet:
+def train_pool(task: str, count: int = POOL) -> EpisodeSet:
     """Return episodes of the split `train`, `count` of them spread over the apartments.
 
-    The same arguments give the same episodes, and a larger pool begins with a smaller one. The first call needs about a
-    second for each episode and reports progress on stderr; later calls read a file.
+    A larger pool begins with a smaller one. The first call needs about a second for each episode and reports progress
+    on stderr; later calls read a file.
 
     Raises:
-        PerdureError: If `count` is not positive or the task is unknown.
+        PerdureError: If `count` is not positive, the task is unknown or the file is damaged.
     """
     get_task(task)
     if count < 1:
         raise PerdureError(f"count must be 1 episode or more, not {count}")
-    path = cache_folder() / f"{task}_train_{count}_seed{seed}_{fingerprint()}.json"
+    path = cache_folder() / f"{task}_train_{count}_seed0_{fingerprint()}.json"
     if path.exists():
-        try:
-            return read_episodes(path)
-        except PerdureError as damage:
-            print(f"{damage}; generating it again", file=sys.stderr)
-    pool = _make(task, count, seed)
+        return read_episodes(path)
+    # All layouts are among the first few apartments.
+    apartments = sorted(split_apartments("train"), key=lambda apartment: (apartment[1], apartment[0]))
+    made = []
+    for index in range(count):
+        made.append(generate_episode(task, "train", index, apartments[index % len(apartments)]))
+        if index + 1 in (1, count):
+            print(f"making training episodes of {task}: {index + 1} of {count}", file=sys.stderr, flush=True)
+    pool = EpisodeSet(task, "train", {"seed": "0", "mujoco": version("mujoco")}, tuple(made))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_episodes(path, pool)
     return pool
@@ -412,17 +415,3 @@ def fingerprint() -> str:
         for path in sorted(home.glob(files)):
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:12]
-
-
-def _make(task: str, count: int, seed: int) -> EpisodeSet:
-    apartments, made = _spread(), []
-    for index in range(count):
-        made.append(generate_episode(task, "train", index, apartments[index % len(apartments)], seed))
-        if index + 1 in (1, count):
-            print(f"making training episodes of {task}: {index + 1} of {count}", file=sys.stderr, flush=True)
-    return EpisodeSet(task, "train", {"seed": str(seed), "mujoco": version("mujoco")}, tuple(made))
-
-
-def _spread() -> tuple[tuple[int, int], ...]:
-    """Return the training apartments, all layouts among the first few."""
-    return tuple(sorted(split_apartments("train"), key=lambda apartment: (apartment[1], apartment[0])))

@@ -1,6 +1,7 @@
 """The three tasks of the Home Assistant Benchmark: what is brought where, in which order, and how it is counted.
 
-As in M3 (hab-mobile-manipulation, `habitat_extensions/tasks/rearrange/composite_sensors.py`):
+`data/tasks.json` declares them. Conditions are those of M3 (hab-mobile-manipulation,
+`habitat_extensions/tasks/rearrange/composite_sensors.py`):
 
 | written | true when |
 |---|---|
@@ -24,14 +25,17 @@ after it. So it counts at the end only.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from perdure.errors import PerdureError, lookup
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.schema import checked, read_json
 
 SkillName = str
 """The name of any skill; the executor checks it when a plan runs (`perdure.home.skills.SKILLS`)."""
@@ -100,9 +104,15 @@ class HomeTask:
     """Joint positions of doors at the start by link name; everything else is closed."""
     max_steps: int
     """Control steps an episode of the benchmark lasts."""
-    stages: tuple[Stage, ...]
+    conditions: Mapping[str, tuple[str, ...]]
+    """Conditions of each stage, such as `at(1)`, by its name, in order."""
     sequence: tuple[SkillStep, ...] = ()
     """Skills in place of the planner's."""
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """Its stages; PerdureError for a condition that there is not."""
+        return tuple(Stage(name, tuple(map(predicate, texts))) for name, texts in self.conditions.items())
 
 
 NOTHING = -1
@@ -196,11 +206,6 @@ def predicate(text: str) -> Predicate:
     return Predicate(name, int(number) if number else None)
 
 
-def make_stages(conditions: Mapping[str, Iterable[str]]) -> tuple[Stage, ...]:
-    """Return stages from their names and their conditions as text, in order."""
-    return tuple(Stage(name, tuple(predicate(text) for text in texts)) for name, texts in conditions.items())
-
-
 def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
     """Return a skill sequence from (skill, target) pairs.
 
@@ -213,94 +218,18 @@ def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
     return tuple(steps)
 
 
-def pick_and_place_stages(targets: int) -> tuple[Stage, ...]:
-    """pick_i: holding target i, all earlier ones at their goals. place_i: empty hand, targets 0 to i at their goals."""
-    conditions: dict[str, list[str]] = {}
-    for target in range(targets):
-        earlier = [f"at({k})" for k in range(target)]
-        conditions[f"pick_{target}"] = [f"holding({target})", *earlier]
-        conditions[f"place_{target}"] = ["not_holding()", *earlier, f"at({target})"]
-    return make_stages(conditions)
+def _spelled_out(value: Any, groups: Mapping[str, Any]) -> Any:
+    """Return a JSON value with the names of groups replaced by what they hold."""
+    if isinstance(value, dict):
+        return {name: _spelled_out(each, groups) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_spelled_out(each, groups) for each in value]
+    return groups.get(value, value)
 
 
-PANTRY = (
-    "002_master_chef_can",
-    "003_cracker_box",
-    "004_sugar_box",
-    "005_tomato_soup_can",
-    "007_tuna_fish_can",
-    "008_pudding_box",
-    "009_gelatin_box",
-    "010_potted_meat_can",
-    "024_bowl",
-)
-"""The nine objects of TidyHouse, PrepareGroceries and all clutter."""
-CHAIR = "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01"
-TABLE_1 = "receptacle_aabb_Tbl1_Top1_frl_apartment_table_01"
-TABLE_2 = "receptacle_aabb_Tbl2_Top1_frl_apartment_table_02"
-TV_STAND = "receptacle_aabb_TvStnd1_Top1_frl_apartment_tvstand"
-COUNTER_RIGHT = "receptacle_aabb_counter_right_kitchen_counter"
-COUNTER_LEFT = "receptacle_aabb_counter_left_kitchen_counter"
-SOFA = "receptacle_aabb_Sofa_frl_apartment_sofa"
-FRIDGE_MIDDLE = "receptacle_aabb_middle_topfrl_apartment_refrigerator"
-FRIDGE_TOP = "receptacle_aabb_topfrl_apartment_refrigerator"
-DRAWERS = (
-    "receptacle_aabb_drawer_left_top_frl_apartment_kitchen_counter",
-    "receptacle_aabb_drawer_middle_top_frl_apartment_kitchen_counter",
-    "receptacle_aabb_drawer_right_top_frl_apartment_kitchen_counter",
-)
-OPEN_SURFACES = (CHAIR, TABLE_1, TABLE_2, TV_STAND, COUNTER_RIGHT, COUNTER_LEFT, SOFA)
-"""M3 leaves the sink out, which the original benchmark had."""
-CLUTTERED = (*OPEN_SURFACES, FRIDGE_TOP)
-MIDDLE_HALF = {FRIDGE_MIDDLE: 0.5}
-"""Targets stand in the middle half of the middle shelf's length and width."""
-_FRIDGE = PlacementRule(PANTRY, (FRIDGE_MIDDLE,), MIDDLE_HALF)
-_COUNTER = PlacementRule(PANTRY, (COUNTER_RIGHT, COUNTER_LEFT))
-PREPARE_GROCERIES = HomeTask(
-    name="prepare_groceries",
-    targets=(TargetRule(_FRIDGE, _COUNTER), TargetRule(_FRIDGE, _COUNTER), TargetRule(_COUNTER, _FRIDGE)),
-    clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (1, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
-    opened={"top_door": 2.356},
-    max_steps=4000,
-    stages=pick_and_place_stages(3),
-)
-"""M3: 3 targets and 22 other objects, the fridge stands open at 2.356 rad, 4000 steps, stages pick_0 to place_2."""
-_TABLES = (TABLE_1, TABLE_2)
-_BOWL, _APPLE = ("024_bowl",), ("013_apple",)
-SET_TABLE = HomeTask(
-    name="set_table",
-    targets=(
-        TargetRule(PlacementRule(_BOWL, DRAWERS), PlacementRule(_BOWL, _TABLES)),
-        TargetRule(PlacementRule(_APPLE, (FRIDGE_MIDDLE,), MIDDLE_HALF), PlacementRule(_APPLE, _TABLES)),
-    ),
-    clutter=((21, PlacementRule(PANTRY, CLUTTERED)), (2, PlacementRule(PANTRY, (FRIDGE_MIDDLE,)))),
-    opened={},
-    max_steps=4500,
-    stages=make_stages(
-        {
-            "open_0": ["opened_drawer()"],
-            "pick_0": ["holding(0)"],
-            "place_0": ["not_holding()", "at(0)"],
-            "close_0": ["closed_drawer()", "at(0)"],
-            "open_1": ["closed_drawer()", "at(0)", "opened_fridge()"],
-            "pick_1": ["closed_drawer()", "at(0)", "opened_fridge()", "holding(1)"],
-            "place_1": ["closed_drawer()", "at(0)", "not_holding()", "at(1)"],
-            "close_1": ["closed_drawer()", "at(0)", "closed_fridge()", "at(1)"],
-        }
-    ),
-)
-"""M3: 2 targets and 23 other objects, 4500 steps."""
-_ANYWHERE = PlacementRule(PANTRY, OPEN_SURFACES)
-TIDY_HOUSE = HomeTask(
-    name="tidy_house",
-    targets=(TargetRule(_ANYWHERE, _ANYWHERE),) * 5,
-    clutter=((20, _ANYWHERE),),
-    opened={},
-    max_steps=5000,
-    stages=pick_and_place_stages(5),
-)
-"""M3: 25 objects of which 5 are targets, nothing is opened, 5000 steps, stages pick_0, place_0, ..., place_4."""
-TASKS: dict[str, HomeTask] = {task.name: task for task in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE)}
+_DATA = read_json((Path(__file__).parents[1] / "data" / "tasks.json").read_bytes())
+_FOUND: tuple[HomeTask, ...] = checked(_spelled_out(_DATA["tasks"], _DATA["groups"]), tuple[HomeTask, ...])
+TASKS = {task.name: task for task in _FOUND}
 """The tasks by name."""
 
 

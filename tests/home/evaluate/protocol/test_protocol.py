@@ -2,6 +2,7 @@
 
 import json
 import threading
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -137,7 +138,7 @@ def test_a_stored_configuration_names_the_scene_only_where_it_is_unusual():
     committed = {"apple", "episodes", "eval_seed", "mujoco", "perdure", "physics_hz", "place", "policies"}
     committed |= {"rolling", "settle_steps", "split", "task", "train_seed"}
     assert set(usual) == committed
-    assert config(clutter=False, sleep=False) == {**usual, "clutter": False, "sleep": False}
+    assert config(clutter=False) == {**usual, "clutter": False}
 
 
 def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
@@ -166,7 +167,7 @@ def test_a_protocol_for_another_process_is_the_same_one():
     scene = SceneOptions(apple="hull", rolling=0.0, clutter=False)
     options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, scene=scene)
     protocol = EvaluationProtocol("tidy_house", "guarded", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
-    assert EvaluationProtocol.from_json(json.loads(json.dumps(protocol.to_json()))) == protocol
+    assert noted_protocol({"protocol": json.dumps(asdict(protocol))}, "it") == protocol
 
 
 def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):

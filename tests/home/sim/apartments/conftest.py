@@ -4,13 +4,13 @@ import pytest
 
 from perdure.home.sim.apartments import LAYOUTS, make_apartment
 from perdure.home.sim.occupancy import free_space
-from perdure.home.tasks.tasks import PREPARE_GROCERIES
+from perdure.home.tasks.tasks import TASKS
 
 DRAWERS = ("drawer1_top", "drawer2_top", "drawer3")
 STATES = {
     "closed": {},
     "counts as open": {"top_door": math.pi / 2 - 0.15},
-    "wide open": {"top_door": PREPARE_GROCERIES.opened["top_door"]} | dict.fromkeys(DRAWERS, 0.5),
+    "wide open": {"top_door": TASKS["prepare_groceries"].opened["top_door"]} | dict.fromkeys(DRAWERS, 0.5),
 }
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from perdure.errors import PerdureError
 from perdure.home.sim import occupancy
 from perdure.home.sim.apartments import make_apartment
-from perdure.home.sim.furniture import room_walls
 from perdure.home.sim.occupancy import FreeSpace, footprints, free_space
+from perdure.home.sim.pieces import room_walls
 
 ROOM = ((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0))
 OVERESTIMATE = 1.0 / math.cos(math.pi / 8.0)
@@ -22,11 +22,11 @@ def path_length(points):
     return np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
 
 
-def space_of(*boxes, room=ROOM, radius=0.3):
+def space_of(*boxes, room=ROOM):
     """A room whose walls and `boxes` (x0, y0, x1, y1) are in the way."""
     walls = np.concatenate([footprints(wall) for wall in room_walls(room)])
     rows = [((x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2, 0.0) for x0, y0, x1, y1 in boxes]
-    return FreeSpace.of(room, np.concatenate([walls, np.array(rows).reshape(-1, 5)]), radius)
+    return FreeSpace.of(room, np.concatenate([walls, np.array(rows).reshape(-1, 5)]))
 
 
 def cell(space, x, y):
@@ -43,7 +43,7 @@ def test_free_area_of_an_empty_room_is_the_room_shrunk_by_the_radius():
 def test_grid_agrees_with_the_exact_test_at_every_cell():
     space = space_of((2.5, 1.5, 3.5, 2.5), (5.8, 3.7, 7.0, 5.0), (-3.0, -3.0, -2.0, -2.0))
     turned = np.concatenate([space.rectangles, [[1.2, 3.0, 0.5, 0.1, 0.6]]])
-    space = FreeSpace.of(ROOM, turned, 0.3)
+    space = FreeSpace.of(ROOM, turned)
     rows, columns = np.indices(space.free.shape)
     middles = np.stack([(columns + 0.5) * 0.05, (rows + 0.5) * 0.05], axis=-1).reshape(-1, 2)
     assert (space.is_free(middles) == space.free.ravel()).all()
@@ -132,11 +132,9 @@ def test_distance_to_several_goals_is_that_to_the_nearest():
     assert values[cell(space, 4.525, 1.025)[0]] == pytest.approx(0.5)
 
 
-def test_geodesic_without_goals_and_a_negative_radius_are_refused():
+def test_a_geodesic_without_goals_is_refused():
     with pytest.raises(PerdureError, match="at least one goal"):
         space_of().distances(np.array([], dtype=int))
-    with pytest.raises(PerdureError, match="radius must be"):
-        FreeSpace.of(ROOM, np.empty((0, 5)), radius=-0.1)
 
 
 boxes = st.lists(
@@ -174,8 +172,9 @@ def test_what_lies_ahead_is_on_the_path():
     route = space.distances(np.array([7]))
     rng = np.random.default_rng(1)
     for start in space.centers[rng.integers(len(space.centers), size=20)]:
-        if not np.isfinite(route.at(start[None])[0]):
+        (cell,), (first,) = space.nearest(start[None])
+        if not np.isfinite(route.values[cell]):
             continue
         path = route.path(start)
         distance, x, y = route.ahead(*start.tolist(), 10)
-        np.testing.assert_allclose([distance, x, y], [route.at(start[None])[0], *path[min(10, len(path) - 1)]])
+        np.testing.assert_allclose([distance, x, y], [first + route.values[cell], *path[min(10, len(path) - 1)]])

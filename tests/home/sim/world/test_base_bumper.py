@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from perdure.home.sim import occupancy, scene
-from perdure.home.sim.furniture import make_piece
 from perdure.home.sim.occupancy import footprints
-from perdure.home.sim.pieces import Pose
+from perdure.home.sim.pieces import Pose, make_piece
 from perdure.home.sim.robot import add_fetch
 from perdure.home.sim.scene import build_scene
 from perdure.home.sim.vector_simulator import VectorSimulator

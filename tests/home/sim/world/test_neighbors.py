@@ -3,18 +3,18 @@
 import numpy as np
 from test_world import begin
 
-from perdure.home.sim.sensors import NEIGHBORHOOD, Surroundings
+from perdure.home.sim.sensors import NEIGHBORHOOD, look_around
 from perdure.home.sim.simulator import GRASP_RADIUS
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import load_episodes
 
 
-def look_around(lane, target, gripper):
+def found_around(lane, target, gripper):
     """In the middle of three lanes, the others being elsewhere: what is found must not depend on them."""
-    many = Surroundings(3)
-    many.look(np.array([0, 2]), [lane, lane], np.array([0, -1]), np.zeros((2, 3)))
-    found = many.look(np.array([1]), [lane], np.array([target]), gripper[None])
-    return type(found)(found.from_object[0], float(found.distance[0]), float(found.handle_distance[0]))
+    return [
+        row[1]
+        for row in look_around([lane] * 3, np.array([0, target, -1]), np.stack([0 * gripper, gripper, 0 * gripper]))
+    ]
 
 
 def test_the_distances_foretell_what_the_grasp_takes():
@@ -25,30 +25,30 @@ def test_the_distances_foretell_what_the_grasp_takes():
         lane = world.simulator(0)
         for _ in range(60):
             target = int(rng.integers(len(scene.placements)))
-            near = scene.handles.at(lane.links)
-            around = near[rng.integers(len(near))] if rng.random() < 0.3 else lane.qpos[scene.middles][target]
+            near = lane.handles
+            around = near[rng.integers(len(near))] if rng.random() < 0.3 else lane.middles[target]
             point = around + rng.normal(0.0, 0.08, 3)
-            found = look_around(lane, target, point)
-            mine = float(np.linalg.norm(lane.qpos[scene.middles][target] - point))
+            _, other, handle = found_around(lane, target, point)
+            mine = float(np.linalg.norm(lane.middles[target] - point))
             lane.grasp(point, np.eye(3), near)
             took_link, took = lane.held_link >= 0, lane.held
             world.reset(0, scene, world._starts[0][0])
-            assert took_link == (found.handle_distance <= GRASP_RADIUS)
+            assert took_link == (handle <= GRASP_RADIUS)
             if not took_link:
-                wins = mine <= GRASP_RADIUS and mine < found.distance
+                wins = mine <= GRASP_RADIUS and mine < other
                 assert (took == target) == wins
-                assert (took < 0) == (min(mine, found.distance) > GRASP_RADIUS)
+                assert (took < 0) == (min(mine, other) > GRASP_RADIUS)
             outcomes.add("link" if took_link else "nothing" if took < 0 else "target" if took == target else "other")
     assert outcomes == {"link", "nothing", "target", "other"}
 
 
 def test_neighbors_are_the_nearest_ones_and_only_near_ones():
     world = VectorSimulator(1)
-    scene = begin(world, 0, load_episodes("tidy_house", "val").episodes[0])
+    begin(world, 0, load_episodes("tidy_house", "val").episodes[0])
     lane = world.simulator(0)
-    middles = lane.qpos[scene.middles]
+    middles = lane.middles
     for target in range(len(middles)):
-        found = look_around(lane, target, np.zeros(3)).from_object
+        found, _, _ = found_around(lane, target, np.zeros(3))
         away = sorted(
             (float(np.linalg.norm(each - middles[target])), k) for k, each in enumerate(middles) if k != target
         )

@@ -14,7 +14,7 @@ from lanes import drive, make, random_actions
 from perdure.errors import PerdureError
 from perdure.home.sim.head_camera import FAR, SIDE, HeadCamera
 from perdure.home.sim.robot import JOINTS, add_fetch
-from perdure.home.skills.depth import HeadDepth, VectorHeadDepth
+from perdure.home.skills.gym import HeadDepth, VectorHeadDepth
 
 WALL, BASE = 2.5, (0.3, 0.1)
 """Where the wall's face is along x, and where the robot stands, in [m]."""
@@ -202,7 +202,7 @@ import sys, perdure.home.skills.gym as gym
 env = gym.HomeSkillEnv(skill="pick", task="set_table", split="val", episodes=1)
 env.reset(seed=1)
 env.step(env.action_space.sample())
-drawn = ("OpenGL", "mujoco.egl", "mujoco.osmesa", "perdure.home.pictures", "perdure.home.skills.depth")
+drawn = ("OpenGL", "mujoco.egl", "mujoco.osmesa", "perdure.home.pictures")
 print(*[name for name in sys.modules if name.startswith(drawn)])
 """
     free = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}  # MuJoCo loads what it names

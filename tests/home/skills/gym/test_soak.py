@@ -58,6 +58,6 @@ def test_a_sample_of_random_episodes(skill):
 @pytest.mark.parametrize("skill", learned_skills())
 def test_ten_thousand_random_episodes_over_all_skills(skill, monkeypatch):
     # The store of left worlds fills up for thousands of episodes; a small one is full long before halfway.
-    monkeypatch.setattr("perdure.home.sim.world.world.MAX_IDLE", 40)
+    monkeypatch.setattr("perdure.home.sim.vector_simulator.MAX_IDLE", 40)
     halfway, at_the_end = soak(skill, 10_000 // len(learned_skills()) + 1, memory=resident)
     assert at_the_end - halfway < 40.0

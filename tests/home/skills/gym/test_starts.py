@@ -121,10 +121,10 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
     scene = episode_scene(episode, SceneOptions(physics_hz=120, clutter=False, targets=(0,)))
     world = VectorSimulator(1)
     start = begin(world, 0, scene, get_skill("pick").draw_start, episode, 0, np.random.default_rng(0))
-    (before,), _ = world.objects(np.array([0]), 1)
+    before, _ = world.simulator(0).objects(1)
     for _ in range(30):
         world.step(np.zeros((1, ACTION_SIZE)))
-    (after,), speed = world.objects(np.array([0]), 1)
+    after, speed = world.simulator(0).objects(1)
     np.testing.assert_allclose(before[0, :3], start.moved[0].position)
     assert np.linalg.norm(after[0, :3] - before[0, :3]) < 0.01
     assert np.linalg.norm(speed) < 0.01
@@ -185,7 +185,7 @@ def test_navigation_begins_anywhere_and_carries_what_is_placed_next():
         assert start.held == (0 if start.skill_goal.toward == "place" else -1)
         space = free_space(episode.apartment(), start.opened)
         assert space.is_free(np.array([[start.base.x, start.base.y]]))[0]
-        assert np.isfinite(start.skill_goal.route.at(np.array([[start.base.x, start.base.y]]))).all()
+        assert np.isfinite(start.skill_goal.route.ahead(start.base.x, start.base.y, 0)[0])
     assert seen == {"open_drawer", "place", "close_drawer", "open_fridge", "pick", "close_fridge"}
 
 

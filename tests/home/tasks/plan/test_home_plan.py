@@ -19,16 +19,13 @@ from perdure.home.tasks.planning import (
     read_strips,
 )
 from perdure.home.tasks.tasks import (
-    COUNTER_LEFT,
-    DRAWERS,
-    FRIDGE_MIDDLE,
-    PANTRY,
-    TABLE_1,
     PlacementRule,
     TargetRule,
-    make_stages,
 )
 
+PANTRY, (TABLE_1, _) = TASKS["tidy_house"].targets[0].start.objects, TASKS["set_table"].targets[0].goal.receptacles
+DRAWERS, (FRIDGE_MIDDLE,) = (target.start.receptacles for target in TASKS["set_table"].targets)
+COUNTER_LEFT = TASKS["prepare_groceries"].targets[0].goal.receptacles[1]
 FRIDGE_OPEN = {"top_door": 2.356}
 SET_TABLE = plan_problem("set_table").pddl
 VARIANTS = {
@@ -61,8 +58,8 @@ def episode(drawer=DRAWERS[0], opened=None):
 
 def one_target(start, goal, conditions=("at(0)",), opened=None):
     rule = TargetRule(PlacementRule(PANTRY, (start,)), PlacementRule(PANTRY, (goal,)))
-    stages = make_stages({"end": conditions})
-    return replace(TASKS["tidy_house"], name="mine", targets=(rule,), stages=stages, opened=opened or {})
+    conditions = {"end": conditions}
+    return replace(TASKS["tidy_house"], name="mine", targets=(rule,), conditions=conditions, opened=opened or {})
 
 
 SEQUENCES = {
@@ -212,7 +209,7 @@ def test_tasks_that_cannot_be_put_as_a_problem_are_refused_with_the_reason():
         make_plan(either)
     bowls = (TASKS["set_table"].targets[0],) * 2  # in the same drawer or not
     with pytest.raises(PerdureError, match=r"several targets of set_table.*episode"):
-        make_plan(replace(TASKS["set_table"], targets=bowls, stages=()))
+        make_plan(replace(TASKS["set_table"], targets=bowls, conditions={}))
     mixed = TargetRule(PlacementRule(PANTRY, (TABLE_1, FRIDGE_MIDDLE)), PlacementRule(PANTRY, (TABLE_1,)))
     with pytest.raises(PerdureError, match="in the open, top_door"):
         make_plan(replace(one_target(TABLE_1, TABLE_1), targets=(mixed,)))

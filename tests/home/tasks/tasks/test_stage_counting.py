@@ -5,12 +5,12 @@ import pytest
 
 from perdure.home.tasks.tasks import (
     NOTHING,
-    PREPARE_GROCERIES,
-    SET_TABLE,
     SOMETHING_ELSE,
-    TIDY_HOUSE,
+    TASKS,
     WorldFacts,
 )
+
+TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE = TASKS.values()
 
 HOME, AWAY = 0.0, 1.0  # distance of an object from its goal
 HANDLE = SOMETHING_ELSE
