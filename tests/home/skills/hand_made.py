@@ -88,11 +88,14 @@ def step_reward(skill, *moments):
 
 
 def random_state(n, seed):
-    """n lanes of arbitrary numbers, for questions that do not depend on what they mean."""
-    rng = np.random.default_rng(seed)
+    """n lanes of arbitrary numbers, for questions that do not depend on what they mean.
+
+    An entry's numbers depend on its name, not on which other entries there are.
+    """
     one = state()
     columns = {}
     for each in fields(PrivilegedState):
+        rng = np.random.default_rng([seed, *each.name.encode()])
         value = getattr(one, each.name)
         shape = (n, *value.shape[1:])
         if value.dtype == bool:
@@ -101,5 +104,5 @@ def random_state(n, seed):
             columns[each.name] = rng.integers(-1, 5, shape)
         else:
             columns[each.name] = rng.normal(0.0, 1.0, shape)
-    columns["contact_force"] = 200.0 * rng.random(n)
+    columns["contact_force"] = np.abs(60.0 * columns["contact_force"])
     return PrivilegedState(**columns)
