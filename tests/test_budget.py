@@ -8,9 +8,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = ("src", "studies", "benchmarks", "tools")
-MOST_LINES = 37_110
+MOST_LINES = 36_500
 """Lines of Python in CODE."""
-MOST_FILES = 168
+MOST_FILES = 166
 """Python files in CODE."""
 MOST_WORDS = 28_900
 """Words, as `wc -w` counts them, of README, CONTRIBUTING, CHANGELOG and the pages in docs and results."""

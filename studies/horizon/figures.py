@@ -22,7 +22,6 @@ from perdure.report.charts import (
     point_chart,
     slug,
 )
-from perdure.report.groups import failure_times
 from perdure.stats import (
     FEWEST_FOR_INTERVAL,
     TRAINING_SEEDS,
@@ -30,9 +29,7 @@ from perdure.stats import (
     Interval,
     Units,
     estimate_interval,
-    kaplan_meier,
     make_units,
-    survival_interval,
     t_interval,
 )
 from studies.horizon.claims import Condition
@@ -49,9 +46,8 @@ SEED = 0
 """Of the bootstrap's generator: the same tables, the same intervals."""
 SIBLINGS = {"linear-random": "linear", "linear-10-workers": "linear"}
 """Methods of one color, told apart by shape and dash."""
-UNDISCOUNTED, AVERAGE = Condition("ppo-undiscounted"), Condition("ppo-average-reward")
-LINEAR, BEST = Condition("linear", "constant:500"), Condition("geometric", "best")
-COUNTDOWN = Condition("geometric", "countdown")
+UNDISCOUNTED = Condition("ppo-undiscounted")
+BEST, COUNTDOWN = Condition("geometric", "best"), Condition("geometric", "countdown")
 FIGURE_3_2 = (PPO, UNDISCOUNTED, BEST, CHOSEN)
 MECHANISM_METHODS = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
@@ -65,7 +61,7 @@ def all_figures(results: Results) -> Iterator[Figure]:
     yield from _return_figure(results)
     constant = partial(_clock_figure, kind="constant", name="figure-a-2")
     periodic = partial(_clock_figure, kind="periodic", name="figure-a-3")
-    for draw in (_learning_figure, constant, periodic, _survival_figure):
+    for draw in (_learning_figure, constant, periodic):
         for setting in settings:
             yield from draw(results, setting)
     yield from _critic_figure(results)
@@ -128,20 +124,6 @@ class _Deployed:
         curves = np.array(self.episodes["curve"].to_list(), np.float64)
         return estimate_interval(make_units(curves, self.episodes["train_seed"]), np.random.default_rng(SEED))
 
-    @cached_property
-    def working(self) -> Interval:
-        """Share of episodes without a failure so far (Kaplan-Meier); no bounds once an episode cannot be judged."""
-        verdicts, steps = self.episodes["verdict"].to_list(), self.episodes["failed_step"].to_numpy()
-        judged = self.episodes["steps to failure"].fill_null(0.0).to_numpy()
-        whole = self.episodes["failed share"].fill_null(0.0).to_numpy() == 0.0
-        without = whole[:, None] | (judged[:, None] > self.steps[None, :])
-        interval = survival_interval(without, self.episodes["train_seed"], np.random.default_rng(SEED))
-        times, shares = kaplan_meier(*failure_times(verdicts, steps))
-        estimate = np.concatenate([[1.0], shares])[np.searchsorted(times, self.steps, side="right")]
-        watched = np.where(self.episodes["failed share"].is_null().to_numpy(), steps, self.steps[-1] + 1).min()
-        low, high = (np.where(self.steps < watched, bound, np.nan) for bound in (interval.lower, interval.upper))
-        return replace(interval, estimate=estimate, lower=low, upper=high)
-
 
 def _deployed(results: Results, setting: str, conditions: Sequence[Condition]) -> list[_Deployed]:
     """Return the conditions that are evaluated."""
@@ -199,22 +181,6 @@ def _clock_figure(results: Results, setting: str, kind: str, name: str) -> Itera
     curves = [_curve(label, e.steps, e.returns, look, e.steps, bands=False) for label, e, look in drawn]
     title = f"Geometric time-to-go, {wording.clock(kind, 'C')}"
     yield _reward_figure(setting, [*sweep, *others], curves, name, title, "Bars at the right")
-
-
-def _survival_figure(results: Results, setting: str) -> Iterator[Figure]:
-    """Draw the share of episodes that have not failed, for the thesis' four methods and the average reward."""
-    found = _deployed(results, setting, (PPO, UNDISCOUNTED, AVERAGE, LINEAR, CHOSEN))
-    if not found:
-        return
-    curves = [_curve(condition_words(e.condition), e.steps, e.working, style(e.condition), bands=False) for e in found]
-    y = Axis(f"share of episodes that have not failed ({_episodes(found)})", percent=True)
-    note = (
-        "A failure: a fall, a divergence, or to the end a score against its own training below 0.75 "
-        "(Kaplan-Meier). A policy that never worked, or earns too little from its first "
-        f"window on, has failed from the start. {_interval_note([e.working for e in found], 'Bars at the right')}"
-    )
-    chart = curve_chart(curves, _steps_axis(found), y, markers=_markers(found), steps=True)
-    yield Figure(slug("survival", setting), "Episodes that have not failed", chart, note, setting_words(setting))
 
 
 def _learning_figure(results: Results, setting: str) -> Iterator[Figure]:

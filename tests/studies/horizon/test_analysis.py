@@ -48,7 +48,7 @@ def test_a_task_that_is_missing_leaves_no_mean():
 
 def test_figures_show_what_the_tables_say(results):
     figures = figures_of(results)
-    assert {"figure-3-1-hopper-v3", "figure-3-2", "figure-a-2-hopper-v3", "survival-hopper-v3"} <= set(figures)
+    assert {"figure-3-1-hopper-v3", "figure-3-2", "figure-a-2-hopper-v3"} <= set(figures)
     shown = [row for row in values(figures["figure-3-2"].spec) if row.get("label") == "discounted PPO" and "low" in row]
     assert shown
     assert [row["x"] for row in shown] == pytest.approx([200.0 / (3.0 * HORIZON)] * len(shown), rel=1e-5)
