@@ -12,7 +12,7 @@ MOST_LINES = 36_500
 """Lines of Python in CODE."""
 MOST_FILES = 166
 """Python files in CODE."""
-MOST_WORDS = 28_900
+MOST_WORDS = 29_000
 """Words, as `wc -w` counts them, of README, CONTRIBUTING, CHANGELOG and the pages in docs and results."""
 MOST_TABLES = 25e6
 """Bytes of tables and figures in results."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,11 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.stats import Difference, compare_paired, compare_with
+from perdure.stats import compare_paired, compare_with
+from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
 from studies.disturbance.claims import CLAIMS as REGISTERED
-from studies.disturbance.claims import NOISE, measure_runs
-from studies.disturbance.tables import METHODS as DISTURBED_METHODS
-from studies.horizon.claims import SCORE, Claim, Condition, decide, effect, read_claims
-from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, ZOO, Row
+from studies.horizon.claims import Condition, decide, effect, read_claims
+from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, Row
 from studies.horizon.results import TEST, VALIDATION, Results
 
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
@@ -36,8 +36,12 @@ METHODS = {
 }
 """In words. The first eight are in the order of the theme's styles; others share the last one's."""
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
-FIRST = (PPO, Condition("ppo-undiscounted"), Condition("ppo-average-reward"), CHOSEN)
-"""Methods of the page's first table."""
+FRESH = ("ppo", "ppo-gamma-0.999", "geometric-discounted", "geometric")
+SHARE = "working share"
+FRESH_COLUMNS = {
+    **{"calm": (CALM, "score"), "noise": (NOISE, SHARE), "pushes": (PUSHES, SHARE)},
+    "speed": (CALM, "gain in training"),
+}
 DISTURBED = Path(__file__).parents[2] / "results" / "disturbance" / "tables"
 REGISTERED_TASKS = ("Hopper-v3@cleanrl", "Walker2d-v3@cleanrl", "HalfCheetah-v3")
 CLOCKS = {
@@ -105,21 +109,11 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
         }
 
 
-def task_mean(
-    results: Results, each: Condition, measure: str = SCORE, settings: Sequence[str] = MAIN_SETTINGS
-) -> Difference | None:
-    """Return the mean over tasks, which all count alike, of a method's measure; None where a task lacks it."""
-    return effect(
-        Claim("", "", f"{each.method} {each.clock}", 0.0, "greater", measure, tuple(settings)), results.values
-    )
-
-
 def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables of the page by name; their cells are texts: a number, perhaps with its 95 % interval."""
     rows = {
-        "first": _first_rows(results),
-        "registered": _registered_rows(),
         "fresh": _fresh_rows(),
+        "registered": _registered_rows(),
         "clocks": _clock_rows(results),
         "claims": _claim_rows(results),
     }
@@ -143,34 +137,15 @@ def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
         yield {"the thesis": each["sentence"], "effect": effect, "our runs": each["decision"]}
 
 
-def _cell(found: Difference | None) -> str:
-    return "not evaluated" if found is None else _numbers(found.estimate, found.lower, found.upper)
-
-
-def _first_rows(results: Results) -> Iterator[dict[str, str]]:
-    """Yield calm score, speed in training, and working share under action noise of each main method."""
-    noisy = pl.read_csv(DISTURBED / "left.csv").filter(condition=NOISE)
-    for each in FIRST:
-        speed = task_mean(results, each, "training score vs published", REGISTERED_TASKS)
-        row = {"method": METHODS[each.method], "score": _cell(task_mean(results, each)), "speed": _cell(speed)}
-        for task, _, preset in (name.partition("@") for name in REGISTERED_TASKS):
-            mine = noisy.filter(task=task, preset=preset or ZOO, method=DISTURBED_METHODS[each.method])
-            numbers = mine.select("working share", "working low", "working high").row(0)
-            row[f"noise: {task.removesuffix('-v3')}"] = _numbers(*numbers)
-        yield row
-
-
 def _fresh_rows() -> Iterator[dict[str, str]]:
-    """Yield working share under action noise and speed in training of the methods of the registered claims."""
-    runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet")).filter(condition=NOISE)
-    for method in dict.fromkeys(side for claim in REGISTERED for side in (claim.right, claim.left)):
-        row = {"method": METHODS[method]}
-        for task in (name.partition("@")[0] for name in REGISTERED_TASKS):
-            for name, measure in {"noise": "working share", "speed": "gain in training"}.items():
-                values = runs.filter(task=task, method=method)[measure]
-                found, most = compare_with(values, 0.0), 1.0 if name == "noise" else math.inf
-                cell = _numbers(found.estimate, max(found.lower, 0.0), min(found.upper, most))
-                row[f"{name}: {task.removesuffix('-v3')}"] = cell if len(values) > 1 else "not evaluated yet"
+    """Yield what the fresh training runs of each method of the registered claims do on each task."""
+    runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet"))
+    for task, method in product((name.partition("@")[0] for name in REGISTERED_TASKS), FRESH):
+        row = {"task": task, "method": METHODS[method]}
+        for name, (condition, measure) in FRESH_COLUMNS.items():
+            values = runs.filter(task=task, method=method, condition=condition)[measure]
+            found, bounds = compare_with(values, 0.0), (0.0, 1.0) if measure == SHARE else (-math.inf, math.inf)
+            row[name] = _numbers(found.estimate, *np.clip((found.lower, found.upper), *bounds))
         yield row
 
 

@@ -61,6 +61,8 @@ def test_names_of_other_projects_mean_the_same_terms(write):
     ("changes", "message"),
     [
         ({"stiffness": None, "time_step": None}, "stiffness, time_step missing"),
+        ({"joints": None}, "joints missing: .* the model's joints are hip_1, ankle_1, hip_2, ankle_2"),
+        ({"joints": None, "model": "nowhere.xml"}, "model: .*nowhere.xml"),
         ({"damping": [1.0, 2.0]}, "damping has 2 values for 8 joints"),
         ({"damping": {"hip_.": 1.0}}, "one pattern must match each joint; 0 match ankle_1"),
         ({"damping": {"(": 1.0}}, "no regular expression"),
@@ -72,7 +74,7 @@ def test_names_of_other_projects_mean_the_same_terms(write):
         ({"script": [[1, 0, 0, 0]]}, "script must begin at 0"),
         ({"decimation": 0}, "decimation must be"),
         ({"gains": 1.0}, "must not have the field gains"),
-        ({"model": "package://no_such_package/a.xml"}, "no Python package no_such_package"),
+        ({"model": "package://no-such-package/a.xml"}, "no Python package no_such_package"),
     ],
 )
 def test_what_does_not_fit_is_refused(write, changes, message):

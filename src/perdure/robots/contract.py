@@ -170,7 +170,8 @@ def _parse(data: bytes) -> dict[str, Any]:
 def make_contract(given: Contract, folder: Path = Path()) -> Contract:
     """Return a contract with one value for each joint and the path of its model; PerdureError if it does not fit."""
     if missing := [name for name in REQUIRED if getattr(given, name) in (None, ())]:
-        raise PerdureError(f"{', '.join(missing)} missing: neither this file nor the policy's metadata has it")
+        there = f"; the model's joints are {', '.join(_model_joints(given, folder))}" if "joints" in missing else ""
+        raise PerdureError(f"{', '.join(missing)} missing: neither this file nor the policy's metadata has it{there}")
     if len(set(given.joints)) < len(given.joints):
         raise PerdureError("joints must differ from each other")
     values = {name: _per_joint(name, getattr(given, name), given.joints) for name in VALUES}
@@ -212,10 +213,22 @@ def _per_joint(name: str, values: Values | None, joints: tuple[str, ...]) -> tup
     return values
 
 
+def _model_joints(given: Contract, folder: Path) -> list[str]:
+    """Return the names of the joints that can be driven, in the order of the model."""
+    import mujoco
+
+    try:
+        found = mujoco.MjSpec.from_file(str(_model_path(given.model, folder))).joints
+    except ValueError as error:
+        raise PerdureError(f"model: {' '.join(str(error).split())}") from None
+    return [each.name for each in found if each.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)]
+
+
 def _model_path(text: str, folder: Path) -> Path:
     package, _, rest = text.removeprefix(PACKAGE).partition("/")
     if not text.startswith(PACKAGE):
         return folder / text
+    package = package.replace("-", "_")  # as the package index may spell it
     found = find_spec(package) if package.isidentifier() else None
     if found is None or not found.submodule_search_locations:
         raise PerdureError(f"model: there is no Python package {package}; install it (pip install --no-deps)")

@@ -4,9 +4,8 @@ import polars as pl
 import pytest
 from known_results import HORIZON, make_results
 
-from studies.horizon.claims import SCORE
+from studies.horizon.claims import SCORE, Claim, effect
 from studies.horizon.figures import all_figures
-from studies.horizon.tables import PPO, task_mean
 
 RUNS = {
     ("ppo", "none"): {0: 100.0, 1: 200.0, 2: 300.0},
@@ -16,6 +15,7 @@ RUNS = {
     ("geometric", "countdown"): {0: 1.0, 1: 2.0, 2: 3.0},
 }
 TWO = ("Swimmer-v3", "HalfCheetah-v3")
+MEAN = Claim("", "", "ppo none", 0.0, "greater", tasks=TWO)
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +37,13 @@ def values(spec):
 def test_the_mean_over_tasks_is_student_with_more_freedom():
     """Two tasks with the same three scores: half the variance of one mean, and 2 + 2 degrees of freedom."""
     results = make_results(RUNS, tasks=TWO)
-    found = task_mean(results, PPO, settings=TWO)
+    found = effect(MEAN, results.values)
     half = 2.776445 * (100.0 / 3000.0) / 3**0.5 / 2**0.5  # scores: 100, 200, 300 of 3,000
     assert (found.estimate, found.upper - found.estimate) == pytest.approx((200.0 / 3000.0, half))
 
 
 def test_a_task_that_is_missing_leaves_no_mean():
-    assert task_mean(make_results(RUNS, task="Swimmer-v3"), PPO, settings=TWO) is None
+    assert effect(MEAN, make_results(RUNS, task="Swimmer-v3").values) is None
 
 
 def test_figures_show_what_the_tables_say(results):
