@@ -47,5 +47,15 @@ class TestIdleCores:
         with own_cores(1) as mine:
             assert mine == []
 
+    def test_locks_in_a_folder_of_somebody_else_are_not_opened(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("perdure.runs.workers.idle_cores", lambda: [0])
+        monkeypatch.setattr("perdure.runs.workers.tempfile.gettempdir", lambda: str(tmp_path))
+        monkeypatch.setattr("perdure.runs.workers.os.getuid", lambda: 12345)
+        (tmp_path / "perdure-12345").mkdir()
+        (tmp_path / "perdure-12345" / "core-0.lock").symlink_to(tmp_path / "elsewhere")
+        with own_cores(1) as mine:
+            assert mine == []
+        assert not (tmp_path / "elsewhere").exists()
+
     def test_on_this_machine_they_are_cores_of_ours(self):
         assert set(idle_cores()) <= os.sched_getaffinity(0)

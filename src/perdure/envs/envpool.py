@@ -59,7 +59,7 @@ class EnvPoolWorld(TrackedWorld):
             threads: EnvPool's threads; results do not depend on it.
 
         Raises:
-            PerdureError: If seeds or threads are not legal or the task's actions are not one box.
+            PerdureError: If seeds are not legal or the task's actions are not one box.
         """
         seeds = checked_seeds(seeds)
         self.pool: Any = _make_pool(name, seeds, threads)

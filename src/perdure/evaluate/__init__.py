@@ -8,7 +8,7 @@ An episode is one deployed run: a policy under a clock from a start state.
 | `stored.py` | `evaluate_files`: policy files and ONNX models over several cores, resumable |
 | `episodes.py` | which episodes are evaluated, how they run, what is recorded of them |
 | `reference.py` | reward rates of the policy within its training horizon and of an idle robot |
-| `score.py` | scores relative to these rates, the verdict of an episode |
+| `verdict.py` | scores relative to these rates, the verdict of an episode |
 | `table.py` | the Parquet table, the typed result |
 | `watch.py` | films of a policy as it fails, and stills |
 | `card.py` | the model card of a policy: a README with its verdict |

@@ -519,7 +519,7 @@ class Graph:
 
         name = f"constant_{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
-        return Value(self, name, np.ndim(array))
+        return Value(self, name, np.ndim(array), np.asarray(array).dtype)
 
     def node(
         self, kind: str, *inputs: Any, ndim: int | None = None, dtype: Any = np.float64, **attributes: Any

@@ -152,7 +152,13 @@ def held(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[Non
     try:
         yield
     finally:
-        os.close(descriptor)
+        release(descriptor)
+
+
+def release(descriptor: int) -> None:
+    """Give up a lock that `acquire` returned, also where a forked process has inherited the open file."""
+    fcntl.flock(descriptor, fcntl.LOCK_UN)
+    os.close(descriptor)
 
 
 def acquire(path: Path, wait: bool = False) -> int | None:

@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError
-from perdure.runs.files import acquire, held, sync
+from perdure.runs.files import acquire, held, release, sync
 from perdure.runs.identity import RECORD, Identity, check_key, source_digest
 from perdure.schema import LARGEST, Record, read_json
 
@@ -138,7 +138,7 @@ class Store:
             if workspace.complete:
                 self._promote(workspace.folder, unit)
         finally:
-            os.close(descriptor)
+            release(descriptor)
 
     def exclusive(self, name: str, waiting: Callable[[], None] = lambda: None) -> AbstractContextManager[None]:
         """Lock the whole store for the purpose `name` during a block; call `waiting` once if another process has it."""

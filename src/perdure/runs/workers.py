@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from perdure.errors import PAGE_BYTES, PerdureError, call_pages, did_you_mean, noted_call
-from perdure.runs.files import acquire
+from perdure.runs.files import acquire, release
 from perdure.runs.store import AttemptResult, Unit, attempt
 from perdure.schema import printable
 
@@ -384,7 +384,7 @@ def own_cores(count: int) -> Iterator[list[int]]:
         taken: list[int] = []
         for core in idle_cores() if count else ():
             if len(taken) < count and (lock := _lock(core)) is not None:
-                stack.callback(os.close, lock)
+                stack.callback(release, lock)
                 taken.append(core)
         yield taken
 
@@ -426,6 +426,8 @@ def _lock(core: int) -> int | None:
     folder = Path(tempfile.gettempdir(), f"perdure-{os.getuid()}")
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
+        if folder.lstat().st_uid != os.getuid():  # somebody else's may lead anywhere
+            return None
         return acquire(folder / f"core-{core}.lock")
     except (OSError, PerdureError):
         return None

@@ -102,9 +102,10 @@ class SkillPolicy:
         """For a reader: `oracle`, `shipped set_table/place/seed-0 (SHA-256 1e2d3fcb)`, or the file's path and hash."""
         if not self.learned:
             return ORACLE
-        path = Path(self.source)
+        path = Path(_CLOCK.sub("", self.source))
+        clock = self.source.removeprefix(str(path))
         shipped = path.is_relative_to(SHIPPED)
-        where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}" if shipped else self.source
+        where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}{clock}" if shipped else self.source
         return f"{where} (SHA-256 {self.sha256[:8]})"
 
 

@@ -158,7 +158,10 @@ def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol
     """Return the protocol that made a log file, from its notes; PerdureError with `name` where none is noted."""
     if "protocol" not in notes:
         raise PerdureError(f"{name} does not say with which options it was made, as logs of perdure home run do")
-    protocol: EvaluationProtocol = read_json(notes["protocol"], EvaluationProtocol)
+    try:
+        protocol: EvaluationProtocol = read_json(notes["protocol"], EvaluationProtocol)
+    except PerdureError as error:
+        raise PerdureError(f"{name}: its protocol cannot be read: {error}") from None
     return protocol
 
 

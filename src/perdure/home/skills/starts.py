@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -363,14 +364,15 @@ def train_pool(task: str, count: int = POOL) -> EpisodeSet:
     on stderr; later calls read a file.
 
     Raises:
-        PerdureError: If `count` is not positive, the task is unknown or the file is damaged.
+        PerdureError: If `count` is not positive or the task is unknown.
     """
     get_task(task)
     if count < 1:
         raise PerdureError(f"count must be 1 episode or more, not {count}")
     path = cache_folder() / f"{task}_train_{count}_seed0_{fingerprint()}.json"
     if path.exists():
-        return read_episodes(path)
+        with suppress(PerdureError):  # damaged: it is made again
+            return read_episodes(path)
     # All layouts are among the first few apartments.
     apartments = sorted(split_apartments("train"), key=lambda apartment: (apartment[1], apartment[0]))
     made = []

@@ -49,7 +49,7 @@ _SIGNS = (
 _HARMLESS = {
     *("net_arch", "activation_fn", "squash_output", "clip_mean", "features_extractor_class"),
     *("use_sde", "log_std_init", "full_std", "use_expln", "ortho_init", "normalize_images", "n_critics", "n_quantiles"),
-    *("optimizer_class", "optimizer_kwargs", "share_features_extractor"),
+    *("optimizer_class", "optimizer_kwargs", "share_features_extractor", "features_extractor_kwargs"),
 }
 """Settings of a policy that are read, or do not change what it does once it is trained."""
 MAX_FILE = 1_000_000_000
