@@ -243,7 +243,7 @@ def train(
         task: The task whose objects and receptacles it is trained on.
         delta: For place: number of steps the object must stay.
         limited_to: For place: step limit; 200 by default, 200 + delta with --delta.
-        release_cost: For place: what a release in motion costs, as reward per m/s of the hand.
+        release_cost: For place: what a release in motion inside the goal costs, as reward per m/s of the hand.
         method: ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`.
         seeds: Training seeds, such as 0 1 2, trained side by side.
         steps: Environment steps; the recipe's by default.

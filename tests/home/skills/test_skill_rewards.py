@@ -45,6 +45,8 @@ def test_a_release_in_motion_costs_what_was_asked():
     inside = change(moving, held=-1, gripper_velocity=[0.0, 0.0, 0.0])
     assert step_reward(Place(release_cost=3.0), moving, inside)[1]["release"] == close(1.0 - 0.6)
     assert step_reward(Place(release_cost=3.0), moving, inside, inside)[1]["release"] == 0.0
+    outside = change(inside, object=[1.0, 0.151, 0.8])
+    assert step_reward(Place(release_cost=3.0), moving, outside)[1]["release"] == 0.0
 
 
 def test_a_release_outside_the_goal_costs_1_and_ends_place():

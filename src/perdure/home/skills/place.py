@@ -79,7 +79,10 @@ class Place(Skill):
     limited_to: int | None = None
     """Step limit; 200 + Delta (200 for Delta = 1) when None."""
     release_cost: float = 0.0
-    """What a release in motion costs, as reward per m/s of the hand."""
+    """What a release in motion inside the goal region costs, as reward per m/s of the hand.
+
+    Outside it costs nothing: otherwise a learner drops the object at the first step, when the hand is still at rest.
+    """
 
     def __post_init__(self) -> None:
         """Check the options; raise PerdureError for a delta below 1 or a limit shorter than delta."""
@@ -115,7 +118,7 @@ class Place(Skill):
         cost = self.release_cost * norm(before.gripper_velocity)
         return {
             "carry": DISTANCE_REWARD * np.where(after.holds_target, nearer, 0.0),
-            "release": np.where(first & inside, RELEASE_REWARD, 0.0) - np.where(first, cost, 0.0),
+            "release": np.where(first & inside, RELEASE_REWARD - cost, 0.0),
             "retract": DISTANCE_REWARD * np.where(was.released, retract, 0.0),
         }
 
