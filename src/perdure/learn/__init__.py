@@ -4,7 +4,7 @@
 |---|---|
 | `config.py`, `presets.py` | settings; tuned hyperparameters of each task with their source, and the methods |
 | `ppo.py`, `rollout.py`, `advantages.py`, `networks.py` | PPO; each iteration is a few compiled JAX programs |
-| `run.py`, `checkpoint.py` | runs in segments: seeds, files, checkpoints, and what a run knows of its algorithm |
+| `run.py`, `checkpoint.py` | runs in segments: seeds, files, the interface of algorithms; state between segments |
 """
 
 from perdure.learn.config import PPOConfig

@@ -1,4 +1,4 @@
-"""What a training run knows of its learning algorithm: the interface, and the state between two segments with its file.
+"""The state of a training run between two segments, with its file.
 
 The file is one safetensors file. Reading one never runs code. Every array of the state is stored under its path in the
 tree, such as ``learner/params/policy.0.weight``. What a learner adds to its state is stored without a change here.
@@ -10,7 +10,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +21,6 @@ from perdure.errors import PerdureError
 from perdure.runs import write_atomic
 from perdure.schema import Count, Record, read_json
 
-if TYPE_CHECKING:
-    from perdure.envs.traced import WorldSlot
-    from perdure.policy import Policy
-
 
 class Metrics(NamedTuple):
     """What one iteration reports for the learning curves."""
@@ -34,31 +30,6 @@ class Metrics(NamedTuple):
     diagnostics: dict[str, float]
     """The algorithm's own numbers, such as its losses."""
 
-
-class Algorithm(Protocol):
-    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
-
-    @property
-    def diagnostics(self) -> tuple[str, ...]:
-        """Names of `Metrics.diagnostics`, in their order."""
-
-    def init(self, seed: int) -> Any:
-        """Return the state before training."""
-
-    def start(self, state: Any, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> tuple[Any, Any]:
-        """Begin a segment: return the state and the running environments, which were reset to `observations`."""
-
-    def iterate(self, state: Any, running: Any, *, seed: int, iteration: int) -> tuple[Any, Any, Metrics]:
-        """Learn for one iteration; return both after it. The memory of `state` may be reused."""
-
-    def observation_std(self, state: Any) -> NDArray[np.float64]:
-        """Return the spread of each observation component in training so far, shape (observation_size,)."""
-
-    def policy(self, state: Any) -> Policy:
-        """Return the policy learned so far, without provenance and reference."""
-
-
-# The state between two segments
 
 FORMAT = "perdure.checkpoint"
 VERSION = "4"

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError, lookup
 from perdure.horizon import Embedding, usual_preset
-from perdure.learn.checkpoint import Algorithm, RunState, load_checkpoint, save_checkpoint
+from perdure.learn.checkpoint import Metrics, RunState, load_checkpoint, save_checkpoint
 from perdure.learn.config import PPOConfig
 from perdure.learn.ppo import PPO
 from perdure.learn.presets import METHODS, ZOO, method_config
@@ -44,6 +44,29 @@ CHECKPOINT = "checkpoint.safetensors"
 EPISODE_COLUMNS = ("step", "return", "length")
 RECENT_EPISODES = 20
 """Training episodes whose mean return is reported."""
+
+
+class Algorithm(Protocol):
+    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
+
+    @property
+    def diagnostics(self) -> tuple[str, ...]:
+        """Names of `Metrics.diagnostics`, in their order."""
+
+    def init(self, seed: int) -> Any:
+        """Return the state before training."""
+
+    def start(self, state: Any, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> tuple[Any, Any]:
+        """Begin a segment: return the state and the running environments, which were reset to `observations`."""
+
+    def iterate(self, state: Any, running: Any, *, seed: int, iteration: int) -> tuple[Any, Any, Metrics]:
+        """Learn for one iteration; return both after it. The memory of `state` may be reused."""
+
+    def observation_std(self, state: Any) -> NDArray[np.float64]:
+        """Return the spread of each observation component in training so far, shape (observation_size,)."""
+
+    def policy(self, state: Any) -> Policy:
+        """Return the policy learned so far, without provenance and reference."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec, World, make_world
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Clock, Countdown, TimeFeature
-from perdure.policy.closed_loop import ClosedLoop, DivergenceDetector, EpisodePolicy, LoopStep, PolicyLike
+from perdure.policy.closed_loop import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
+from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.network import one_thread
 
 BIN_STEPS = 10

@@ -3,7 +3,7 @@
 Each episode has an outcome in the table; a group adds what is known of its episodes together: when they fail, how many
 failures there are per hour, and whether its start states behave as one.
 
-A reached goal that ends the episode is a verdict of its own. Where episodes go on, successes are counted as in
+A task whose episodes end at the goal has verdicts of its own. In other tasks successes are counted as in
 ManiSkill-HAB: once, at the end, and the longest stay.
 """
 

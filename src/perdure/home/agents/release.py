@@ -200,7 +200,6 @@ class Ik(HandOver):
 
     name = "ik"
     epsilon: float = EPSILON
-    speed: float = SPEED
 
     def motion(self, view: HandOverView) -> Motion:
         """See `HandOver.motion`."""
@@ -211,7 +210,7 @@ class Ik(HandOver):
         if reach(end, rotation, view.arm)[1] > OUT_OF_REACH:
             view.outcome = "out of reach"
             return
-        for wanted in descent(start, self.epsilon, self.speed):
+        for wanted in descent(start, self.epsilon):
             yield follow(view, wanted, rotation)
         yield from stop(view)
         if np.linalg.norm(view.state.gripper_in_base[0] - end) > OUT_OF_REACH:
@@ -227,14 +226,13 @@ a free descent lags by less than 2 mm)."""
 
 @dataclass
 class Guarded(HandOver):
-    """Descent until the hand lags behind its servos' targets: a guarded move, which needs joint encoders only.
+    """Descent until the hand lags behind its servos' targets: a guarded move, which feels contact by joint encoders.
 
     Then the targets return to where the hand is, so that it does not press on the object that it releases. Outcomes
-    besides "done": "no contact" within 0.25 m or the arm's reach, "not above the goal".
+    besides "done": "no contact" within 0.25 m or the arm's reach, "not above the goal" (read from the simulator).
     """
 
     name = "guarded"
-    speed: float = SPEED
 
     def motion(self, view: HandOverView) -> Motion:
         """See `HandOver.motion`."""
@@ -242,7 +240,7 @@ class Guarded(HandOver):
             return
         start, rotation = view.state.gripper_in_base[0].copy(), view.state.gripper_rotation[0].copy()
         view.outcome = "no contact"
-        for wanted in descent(start, DEEPEST, self.speed):
+        for wanted in descent(start, DEEPEST):
             if lag(view) > LAG:
                 view.outcome = "done"
                 yield follow(view, view.state.gripper_in_base[0], rotation)
@@ -253,10 +251,10 @@ class Guarded(HandOver):
         yield from stop(view)
 
 
-def descent(start: FloatArray, depth: float, speed: float) -> Iterator[FloatArray]:
+def descent(start: FloatArray, depth: float) -> Iterator[FloatArray]:
     """Yield points in the base frame straight below `start`, one for each control step. Shape (3,)."""
-    for step in range(1, int(np.ceil(depth * CONTROL_HZ / speed)) + 1):
-        yield start - (0.0, 0.0, min(step * speed / CONTROL_HZ, depth))
+    for step in range(1, int(np.ceil(depth * CONTROL_HZ / SPEED)) + 1):
+        yield start - (0.0, 0.0, min(step * SPEED / CONTROL_HZ, depth))
 
 
 def follow(view: HandOverView, point: FloatArray, rotation: FloatArray) -> FloatArray:

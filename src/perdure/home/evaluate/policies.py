@@ -89,27 +89,30 @@ class SkillPolicy:
     @property
     def policy(self) -> Policy | None:
         """The policy, loaded once in a process; None for the oracle. PerdureError if its file has changed."""
-        return _load(_CLOCK.sub("", self.source), self.sha256) if self.learned else None
+        return _load(_split(self.source)[0], self.sha256) if self.learned else None
 
     @property
     def clock(self) -> Clock | None:
         """The clock of its time-to-go input; None where none is named."""
-        found = _CLOCK.search(self.source)
-        return None if found is None else parse_clock(found[1])
+        clock = _split(self.source)[1]
+        return parse_clock(clock[1:]) if clock else None
 
     @property
     def name(self) -> str:
         """For a reader: `oracle`, `shipped set_table/place/seed-0 (SHA-256 1e2d3fcb)`, or the file's path and hash."""
         if not self.learned:
             return ORACLE
-        path = Path(_CLOCK.sub("", self.source))
-        clock = self.source.removeprefix(str(path))
-        shipped = path.is_relative_to(SHIPPED)
-        where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}{clock}" if shipped else self.source
+        text, clock = _split(self.source)
+        path, where = Path(text), self.source
+        if path.is_relative_to(SHIPPED):
+            where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}{clock}"
         return f"{where} (SHA-256 {self.sha256[:8]})"
 
 
-_CLOCK = re.compile(r"@(\w+:[^/]*)$")
+def _split(source: str) -> tuple[str, str]:
+    """Return the path of a source, and the clock behind it, such as "@constant:50", or ""."""
+    clock = re.search(r"@\w+:[^/]*$", source)
+    return (source, "") if clock is None else (source[: clock.start()], clock[0])
 
 
 @lru_cache(maxsize=64)
@@ -162,7 +165,7 @@ def choose_policies(
     result: dict[SkillName, SkillPolicy] = {}
     for skill in learned:
         named = chosen.get(skill)
-        clock = "" if named is None else named.removeprefix(_CLOCK.sub("", named))
+        text, clock = _split(named or "")
         path: Path | None
         if named is None:
             policy = release.policy if skill == "place" else skill
@@ -175,7 +178,7 @@ def choose_policies(
                     f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
                 )
         else:
-            path = None if named == ORACLE else Path(_CLOCK.sub("", named).replace("{seed}", str(train_seed)))
+            path = None if named == ORACLE else Path(text.replace("{seed}", str(train_seed)))
         if path is not None and not path.exists():
             raise PerdureError(f"there is no policy {path} for {skill}")
         result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(f"{path}{clock}", file_digest(path))

@@ -230,14 +230,12 @@ def read_state(
     rotation[:, 0], rotation[:, 1] = cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]
     target = np.array([goal.target for goal in goals], dtype=np.int64)
     aim = np.array([goal.aim for goal in goals]).reshape(n, 3)
-    around = dict(zip(AROUND, (np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf)), strict=True))
-    if len(rows := np.flatnonzero(neighbors)):
-        found = look_around([lanes[row] for row in rows.tolist()], target[rows], gripper[rows])
-        for name, seen in zip(AROUND, found, strict=True):
-            around[name][rows] = seen
+    around = look_around(lanes, target, gripper, neighbors)
     return PrivilegedState(
         **known,
-        **around,
+        neighbors=around[0],
+        neighbor_distance=around[1],
+        handle_distance=around[2],
         base=base,
         base_velocity=moving,
         arm=robot[:, ARM_FROM:ARM_TO],
@@ -341,31 +339,33 @@ NEIGHBORHOOD = 0.5
 """Largest distance of a neighbor from the target in [m]."""
 
 
-AROUND = ("neighbors", "neighbor_distance", "handle_distance")
-"""Entries of `PrivilegedState` that `look_around` returns."""
-
-
 def look_around(
-    lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray
+    lanes: Sequence[Simulator], targets: IntArray, grippers: FloatArray, wanted: BoolArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return `AROUND` for n lanes, from their simulators, the targets (n,) and the gripper points (n, 3).
+    """Return neighbors, their distance and that of handles of n lanes; nothing near where it is not wanted.
 
     The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know
     them; its head camera would show them. A target that a scene does not have has no neighbors but handles.
     """
-    rows, middles = np.arange(len(lanes)), padded([lane.middles for lane in lanes], np.inf, NEIGHBORS + 1)
+    n, rows = len(lanes), np.flatnonzero(wanted)
+    seen = np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf)
+    if not len(rows):
+        return seen
+    lanes, targets, grippers = [lanes[row] for row in rows.tolist()], targets[rows], grippers[rows]
+    each, middles = np.arange(len(rows)), padded([lane.middles for lane in lanes], np.inf, NEIGHBORS + 1)
     known = (targets >= 0) & (targets < [len(lane.scene.placements) for lane in lanes])
     target = np.where(known, targets, 0)
-    at = np.where(known[:, None], middles[rows, target], 0.0)
-    middles[rows, target] = np.inf
+    at = np.where(known[:, None], middles[each, target], 0.0)
+    middles[each, target] = np.inf
     middles[~known] = np.inf
     apart = middles - at[:, None]
-    away = norm(apart.reshape(-1, 3)).reshape(len(rows), -1)
+    away = norm(apart.reshape(-1, 3)).reshape(len(each), -1)
     nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
     near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
-    from_object = np.where(near[:, :, None], apart[rows[:, None], nearest], 0.0)
-    handles = padded([lane.handles for lane in lanes], np.inf)
-    return from_object, _nearest(middles, grippers), _nearest(handles, grippers)
+    seen[0][rows] = np.where(near[:, :, None], apart[each[:, None], nearest], 0.0)
+    seen[1][rows] = _nearest(middles, grippers)
+    seen[2][rows] = _nearest(padded([lane.handles for lane in lanes], np.inf), grippers)
+    return seen
 
 
 def _nearest(points: FloatArray, grippers: FloatArray) -> FloatArray:

@@ -11,10 +11,11 @@ from perdure.home.tasks.episodes import load_episodes
 
 def found_around(lane, target, gripper):
     """In the middle of three lanes, the others being elsewhere: what is found must not depend on them."""
-    return [
-        row[1]
-        for row in look_around([lane] * 3, np.array([0, target, -1]), np.stack([0 * gripper, gripper, 0 * gripper]))
-    ]
+    targets, grippers = np.array([0, target, -1]), np.stack([0 * gripper, gripper, 0 * gripper])
+    all_of_them = [row[1] for row in look_around([lane] * 3, targets, grippers, np.ones(3, dtype=bool))]
+    alone = [row[1] for row in look_around([lane] * 3, targets, grippers, np.array([False, True, False]))]
+    assert all(np.array_equal(*pair) for pair in zip(all_of_them, alone, strict=True))
+    return alone
 
 
 def test_the_distances_foretell_what_the_grasp_takes():
