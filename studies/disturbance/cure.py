@@ -13,7 +13,7 @@ GOALS = {"speed": 0.75, "ratio": 3.0}
 """Of a cure: least speed against discounted PPO's, and least lower bound of the ratio of steps between failures."""
 
 
-def cure_table(episodes: pl.DataFrame, seeds: str) -> pl.DataFrame:
+def cure_table(episodes: pl.DataFrame, seeds: str, baseline: pl.DataFrame | None = None) -> pl.DataFrame:
     """Return speed and steps between failures of each method, against discounted PPO's on the same task.
 
     Speed: score against a published policy, calm, within the training horizon, mean over training runs. Steps between
@@ -23,20 +23,12 @@ def cure_table(episodes: pl.DataFrame, seeds: str) -> pl.DataFrame:
     Args:
         episodes: A row for each episode; those of `standard-1` count.
         seeds: The training seeds of the episodes, in words.
+        baseline: Episodes of discounted PPO, if `episodes` has none.
     """
     rows, rng = [], np.random.default_rng(0)
-    runs = (
-        episodes.filter(condition="standard-1")
-        .group_by("task", "method", "train_seed")
-        .agg(
-            (GAIN / SCALE).first().alias("speed"),
-            pl.col("failed_step").sum().alias("steps"),
-            (pl.col("failed_step") < pl.col("test_horizon")).sum().alias("failures"),
-        )
-        .sort("task", "method", "train_seed")
-    )
+    runs, base_runs = _runs(episodes), _runs(episodes if baseline is None else baseline)
     for (task, method), part in sorted(runs.group_by("task", "method")):
-        base = runs.filter(pl.col("task") == task, pl.col("method") == _baseline(str(method)))
+        base = base_runs.filter(pl.col("task") == task, pl.col("method") == _baseline(str(method)))
         if not len(base):
             continue
         values, of_base = (each.select("speed", "steps", "failures").to_numpy().astype(float) for each in (part, base))
@@ -63,6 +55,20 @@ def cure_table(episodes: pl.DataFrame, seeds: str) -> pl.DataFrame:
             }
         )
     return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
+    """Return speed, steps and failures of each training run."""
+    return (
+        episodes.filter(condition="standard-1")
+        .group_by("task", "method", "train_seed")
+        .agg(
+            (GAIN / SCALE).first().alias("speed"),
+            pl.col("failed_step").sum().alias("steps"),
+            (pl.col("failed_step") < pl.col("test_horizon")).sum().alias("failures"),
+        )
+        .sort("task", "method", "train_seed")
+    )
 
 
 def _baseline(method: str) -> str:

@@ -62,6 +62,9 @@ REGISTERED = (
 )
 """Of training seeds 10 to 19: those of the five registered claims (results/horizon/registered.md), and `standard-1`."""
 
+PILOTED = tuple(each for each in REGISTERED if each.name == "standard-1")
+"""Of training seeds 20 to 22: candidates of a cure."""
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -85,3 +88,11 @@ def subjects(robots: Sequence[str] = ROBOTS, seeds: str = "?") -> Iterator[Subje
             files = sorted(folder.glob(f"seed-{seeds}.safetensors"))
             if files and f"{robot}/{folder.name}" not in STAND_STILL:
                 yield Subject(robot, folder.name, tuple(files))
+
+
+GRIDS = {
+    1: ("", CONDITIONS, ROBOTS, "?"),
+    2: ("registered/", REGISTERED, TASKS, "1?"),
+    3: ("pilots/", PILOTED, TASKS, "2?"),
+}
+"""Phase to the start of its units' keys, conditions, tasks, and pattern of training seeds."""

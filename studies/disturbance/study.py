@@ -19,11 +19,9 @@ from perdure.runs.progress import total_share
 from studies.disturbance.claims import claims_table, speed_while_working
 from studies.disturbance.cure import cure_table
 from studies.disturbance.grid import (
-    CONDITIONS,
     FIRST_START,
-    REGISTERED,
+    GRIDS,
     STARTS,
-    TASKS,
     Condition,
     Subject,
     subjects,
@@ -33,8 +31,9 @@ from studies.files import include_tables, parquet_bytes, read_parquet_file, writ
 
 QUESTION = "Do policies that hold when calm hold under disturbances, and does the verdict foresee new ones?"
 SCALES = {"thesis": Path("results", "disturbance")}
-PHASES = (1, 2)
-EPISODES, FRESH, ROWS = "episodes.parquet", "registered.parquet", "rows.parquet"
+EPISODES, FRESH, PILOTS, ROWS = "episodes.parquet", "registered.parquet", "pilots.parquet", "rows.parquet"
+PHASES = {1: EPISODES, 2: FRESH, 3: PILOTS}
+"""Number to the frozen table of its episodes."""
 COLUMNS = (
     *("task", "train_seed", "clock", "eval_seed", "disturbance", "test_horizon", "end_reason", "end_step", "outcome"),
     *("failed_step", "end_score_vs_training", "idle_rate", "training_rate", "published_rate", "policy_state", "return"),
@@ -43,17 +42,17 @@ COLUMNS = (
 
 
 def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
-    """Return the units: the committed policies under every condition (1), the runs of the registered claims (2)."""
+    """Return the units: all committed policies (1), the runs of the registered claims (2), pilots of a cure (3)."""
     return [_unit(*each) for phase in phases for each in _cells(phase)]
 
 
 def _cells(phase: int) -> Iterator[tuple[str, Condition, Subject]]:
     """Yield the key of each cell of a phase's grid, and the cell."""
-    conditions, found = (CONDITIONS, subjects()) if phase == 1 else (REGISTERED, subjects(TASKS, "1?"))
-    for condition, subject in product(conditions, list(found)):
+    folder, conditions, robots, seeds = GRIDS[phase]
+    for condition, subject in product(conditions, list(subjects(robots, seeds))):
         if not condition.world or condition.world.startswith(f"gymnasium:{subject.task[:-1]}"):
             name = condition.name.replace(" ", "-")
-            yield f"{'registered/' * (phase == 2)}{name}/{subject.task}/{subject.variant}", condition, subject
+            yield f"{folder}{name}/{subject.task}/{subject.variant}", condition, subject
 
 
 def _unit(key: str, condition: Condition, subject: Subject) -> Unit:
@@ -120,7 +119,7 @@ def analyze(scale: str, out: Path) -> list[Path]:
         PerdureError: There are no results.
     """
     if (out / "runs").is_dir():
-        for phase, name in zip(PHASES, (EPISODES, FRESH), strict=True):
+        for phase, name in PHASES.items():
             collect(Store(out / "runs"), phase, out / name)
     if not (out / EPISODES).is_file():
         raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
@@ -129,7 +128,10 @@ def analyze(scale: str, out: Path) -> list[Path]:
     if (out / FRESH).is_file():
         fresh = read_parquet_file(out / FRESH)
         tables["claims"] = claims_table(fresh)
-        tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19")], how="diagonal")
+        found = [tables["cure"], cure_table(fresh, "10 to 19")]
+        if (out / PILOTS).is_file():
+            found.append(cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh))
+        tables["cure"] = pl.concat(found, how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
     figures = list(draw_figures(tables))
     save(figures, out / "figures", ("svg",))
