@@ -1,5 +1,7 @@
 """Films and pictures as files: complete or refused, and what ffmpeg says is heard. Captions fit."""
 
+from itertools import combinations
+
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from PIL import Image
 
 from perdure import film
 from perdure.errors import PerdureError
-from perdure.film import INK, annotate, check_film, save_picture, strip_height, tile, write_film
+from perdure.film import INK, annotate, check_film, save_picture, strip_height, tile, write_film, write_labels
 
 SIZE = (64, 48)
 
@@ -27,12 +29,38 @@ def test_a_film_has_its_pictures_and_its_rate(tmp_path):
     np.testing.assert_allclose(shown, [10 * k for k in range(10)], atol=3)
 
 
-def test_a_gif_has_its_pictures_and_its_rate(tmp_path):
-    assert write_film(pictures(10), tmp_path / "film.gif", 12.5) == 10
-    with Image.open(tmp_path / "film.gif") as gif:
-        assert (gif.size, gif.n_frames, gif.info["duration"]) == (SIZE, 10, 80)
-        gif.seek(7)
-        assert np.asarray(gif.convert("L")).mean() == pytest.approx(70, abs=3)
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_an_animation_has_its_pictures_and_its_rate(tmp_path, suffix):
+    shades = [np.full((48, 64, 3), 70 + 100 * (k % 2), np.uint8) for k in range(10)]  # WebP merges what is alike
+    assert write_film(shades, tmp_path / f"film{suffix}", 12.5) == 10
+    with Image.open(tmp_path / f"film{suffix}") as animation:
+        assert (animation.size, animation.n_frames) == (SIZE, 10)
+        animation.seek(6)
+        assert np.asarray(animation.convert("L")).mean() == pytest.approx(70, abs=3)
+        assert animation.info["duration"] == 80
+
+
+def test_labels_do_not_cover_each_other():
+    """Three at one point, and one at the edge: no two share a row and a column, and all are whole."""
+    paper = np.full((100, 200, 3), 255, np.uint8)
+    colors = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 0, 255)]
+    at = [(100.0, 90.0), (100.0, 90.0), (101.0, 88.0), (198.0, 60.0)]
+    written = write_labels(paper, [(*point, "apple", color) for point, color in zip(at, colors, strict=True)])
+    boxes = []
+    for color in colors:
+        rows, columns = np.nonzero((written == color).all(axis=2))
+        boxes.append((rows.min(), rows.max(), columns.min(), columns.max()))
+    heights, widths = {b - a for a, b, _, _ in boxes}, {b - a for _, _, a, b in boxes}
+    assert max(heights) - min(heights) <= 1
+    assert max(widths) - min(widths) <= 1
+    for (a, b, c, d), (e, f, g, h) in combinations(boxes, 2):
+        assert b < e or f < a or d < g or h < c
+
+
+def test_points_outside_a_picture_get_no_label():
+    paper = np.full((100, 200, 3), 255, np.uint8)
+    outside = [(250.0, 50.0), (100.0, -5.0), (np.nan, np.nan), (100.0, 3.0)]  # the last one: no room above it
+    assert (write_labels(paper, [(*point, "apple", INK) for point in outside]) == 255).all()
 
 
 def test_a_full_disk_is_an_error(tmp_path):
@@ -77,7 +105,7 @@ def test_a_colon_in_a_name_is_no_protocol(tmp_path):
 def test_names_of_other_files_are_refused(tmp_path):
     with pytest.raises(PerdureError, match=r"a picture is written as \.png, not as x\.jpg"):
         save_picture(next(pictures(1)), tmp_path / "x.jpg")
-    with pytest.raises(PerdureError, match=r"a film is written as \.mp4 or \.gif, not as x\.avi"):
+    with pytest.raises(PerdureError, match=r"a film is written as \.mp4 or \.gif or \.webp, not as x\.avi"):
         write_film(pictures(1), tmp_path / "x.avi", 25.0)
 
 

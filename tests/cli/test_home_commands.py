@@ -1,14 +1,33 @@
 """``perdure home``: what its commands print and leave behind, and how they refuse."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from perdure.cli.home import parse_policies
+from perdure.cli.home import Shown, parse_policies
 from perdure.errors import PerdureError
+from perdure.home.evaluate.execute import ExecutorOptions
+from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+from perdure.home.sim.scene import SceneOptions
+from perdure.home.skills import SKILLS
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """Logs of two episodes under two strategies, of two steps a skill; their folder and the first protocol."""
+    folder, options = tmp_path_factory.mktemp("runs"), ExecutorOptions(settle_steps=2, scene=SceneOptions(rolling=0.0))
+    oracles = dict.fromkeys(SKILLS, "oracle")
+    first = EvaluationProtocol("set_table", "ik", episodes=2, policies=oracles, options=options)
+    with pytest.MonkeyPatch.context() as patch:
+        for skill in SKILLS:
+            patch.setattr(SKILLS[skill], "step_limit", 2)
+        for each in (first, replace(first, place="rl", options=replace(options, planner="closed"))):
+            run_protocol(each, folder)
+    return folder, first
 
 
 def succeeded(process):
@@ -107,7 +126,10 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(com
         (("video", "set_table", "--place", "rl", "--out", "sheet.png"), ".mp4 or .gif"),
         (("video", "set_table", "--place", "rl", "throw"), "rl, stop, ik, guarded"),
         (("video", "set_table", "--place", "rl", "--policies", "place"), "SKILL=FILE"),
-        (("video", "set_table", "--policies", "place=oracle"), "--place"),
+        (("video", "set_table", "--release", 2), "0 to 1, not 2"),
+        (("video", "set_table", "--logs", "nowhere"), "nowhere"),
+        (("view", "set_table", "--place", "throw"), "rl, stop, ik, guarded"),
+        (("view", "set_table", "--logs", "nowhere", "--planner", "closed"), "leave them out"),
     ],
 )
 def test_what_a_user_gets_wrong_ends_in_one_line(command, tmp_path, arguments, message):
@@ -126,3 +148,25 @@ def test_the_word_oracle_alone_means_every_skill():
         parse_policies(("oracle", "place=oracle"))
     with pytest.raises(PerdureError, match="place is named twice"):
         parse_policies(("place=a", "place=b"))
+
+
+def test_a_view_repeats_the_logged_runs_of_its_episode(ran):
+    """Logs name what acted; --place and the seeds choose among them."""
+    folder, protocol = ran
+    episode, agents = Shown("set_table", index=1, logs=(folder,)).open()
+    assert (episode.name, [agent.protocol.place for agent in agents]) == ("set_table/val/001", ["ik", "rl"])
+    assert {policy.source for policy in agents[0].policies.values()} == {"oracle"}
+    assert agents[0].protocol.options.scene == protocol.options.scene
+    _, (alone,) = Shown("set_table", index=1, place=("rl",), logs=(folder,)).open()
+    assert (alone.protocol.name, alone.protocol.options.planner) == ("rl drag closed", "closed")
+    with pytest.raises(PerdureError, match="no such run of set_table/val/001"):
+        Shown("set_table", index=1, eval_seed=1, logs=(folder,)).open()
+
+
+def test_a_view_without_logs_shows_learned_policies_under_each_strategy():
+    _, agents = Shown("set_table", place=("rl", "guarded"), planner="closed", eval_seed=2).open()
+    assert [agent.protocol.name for agent in agents] == ["rl closed", "guarded closed"]
+    assert all(policy.learned for agent in agents for policy in agent.policies.values())
+    assert agents[0].protocol.options.eval_seed == 2
+    _, (oracle,) = Shown("set_table", policies=("oracle",)).open()
+    assert not any(policy.learned for policy in oracle.policies.values())

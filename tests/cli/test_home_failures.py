@@ -26,7 +26,7 @@ def noted(place="rl"):
     return {"protocol": json.dumps(asdict(EvaluationProtocol("set_table", place)))}
 
 
-OF_IT = "set_table, val, {strategy}, training seed -1, evaluation seed 0, 000, open_0, {why}, 024_bowl"
+OF_IT = "{strategy}, training seed -1, set_table/val/000, evaluation seed 0, open_0, {why}, 024_bowl"
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, comma
     write_logs(tmp_path / "rl.parquet", [record], noted())
     write_logs(tmp_path / "ik.parquet", [hit(record)], noted("ik"))
     code, printed, complaint = command(tmp_path, "--out", tmp_path / "out", "--policies", "oracle")
-    lines = {line.split(", ")[2]: line for line in printed.splitlines()}
+    lines = {line.split(", ")[0]: line for line in printed.splitlines()}
     paths = {
         strategy: tmp_path / "out" / f"set_table-val-{strategy}-train--1-eval-0-000.png" for strategy in ("rl", "ik")
     }

@@ -17,12 +17,11 @@ from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.failures import (
     COLUMNS,
     PICTURES,
-    Failure,
+    Logged,
     Replay,
     failure_sheet,
-    logged_agent,
     picture_steps,
-    read_failures,
+    read_logged,
     replay_failure,
     sample_failures,
 )
@@ -55,10 +54,11 @@ def rolls_away():
 
 
 def test_a_placement_is_shown_from_its_release_to_its_rest():
-    """Way up to step 29: 0.176 m (a fall of 0.02, 15 steps of 0.0103, and 0.7 s), after it 0.146 m. So two pictures go
-    between 8 and 29, at a third and two thirds of that way, and two between 29 and 44."""
+    """Way up to step 29: 0.176 m (a fall of 0.02, 15 steps of 0.0103, and 0.7 s), after it 0.146 m. The halves of the
+    first are 0.093 m (up to step 21) and 0.083 m, those of the second 0.077 m (up to 37) and 0.07 m; then the longest
+    two are halved again, in steps 17 and 25."""
     taken = shown(replay_of(rolls_away()))
-    assert list(taken) == [0, 8, 18, 24, 29, 34, 39, 44]
+    assert list(taken) == [0, 8, 17, 21, 25, 29, 37, 44]
     assert {step: note for step, note in taken.items() if note} == {8: "releases", 29: "left its goal"}
 
 
@@ -94,9 +94,9 @@ def misses(held=None, force=0.0):
 
 
 def test_a_pick_is_shown_evenly_with_its_nearest_moment():
-    """13 steps before and 26 after it: cut into three and four parts."""
+    """13 steps before it and 26 after it: the longest stretch is halved, the first one of equal ones."""
     taken = shown(replay_of(misses()))
-    assert list(taken) == [60, 65, 69, 73, 80, 86, 93, 99]
+    assert list(taken) == [60, 64, 67, 73, 80, 86, 93, 99]
     assert taken[73] == "nearest, 0.300 m away"
 
 
@@ -174,12 +174,13 @@ def hurried(tmp_path_factory):
 
 
 def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
-    (failure,) = read_failures(hurried, "latched")
-    options = failure.options
+    (failure,) = read_logged(hurried, "latched")
+    agent = failure.agent({})
+    options = agent.protocol.options
     assert (options.scene.apple, options.scene.rolling, options.scene.physics_hz) == ("hull", 0.0, 240)
-    assert (options.settle_steps, *failure.assignment[:3]) == (7, "set_table", "stop", -1)
-    assert set(dict(failure.assignment[3]).values()) == {"oracle"}
-    replay = replay_failure(failure, logged_agent(failure, {}))
+    assert (options.settle_steps, agent.protocol.place, agent.train_seed) == (7, "stop", -1)
+    assert {policy.source for policy in agent.policies.values()} == {"oracle"}
+    replay = replay_failure(failure, agent)
     assert replay.label == failure.label
     assert replay.log.events == failure.log.events
     assert replay.log.runs == failure.log.runs
@@ -188,26 +189,26 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
 
 def test_a_policy_for_a_skill_of_other_tasks_does_not_stop_a_replay():
     log = rolls_away().log()
-    failure = Failure(log, "stabilizing", label(log, "stabilizing"), EvaluationProtocol(log.task))
+    failure = Logged(log, "stabilizing", EvaluationProtocol(log.task, "ik"))
     everywhere = {**ORACLES, "open_fridge": "used by set_table alone.safetensors"}
-    assert "place" in logged_agent(replace(failure, log=replace(log, strategy="ik")), everywhere).skill_agents
+    assert "place" in failure.agent(everywhere).policies
 
 
 def test_a_replay_with_another_policy_than_the_logged_one_is_refused():
     log, oracles = rolls_away().log(), EvaluationProtocol("prepare_groceries", policies={"place": "oracle"})
     noted = (("place", "shipped x (SHA-256 01234567)"),)
-    failure = Failure(replace(log, train_seed=-1), "stabilizing", label(log, "stabilizing"), oracles, noted)
+    failure = Logged(replace(log, train_seed=-1), "stabilizing", oracles, noted)
     with pytest.raises(
         PerdureError, match=r"place of these logs was shipped x \(SHA-256 01234567\), and is oracle now"
     ):
-        logged_agent(failure, {})
-    assert "place" in logged_agent(failure, {"place": "oracle"}).skill_agents
+        failure.agent({})
+    assert "place" in failure.agent({"place": "oracle"}).policies
 
 
 def test_another_episode_under_the_same_number_is_refused(hurried, tmp_path):
     (record,) = read_logs(hurried[0])
     write_logs(tmp_path / "logs.parquet", [replace(record, episode_hash="other")], NOTES)
-    (failure,) = read_failures([tmp_path / "logs.parquet"], "latched")
+    (failure,) = read_logged([tmp_path / "logs.parquet"], "latched")
     with pytest.raises(PerdureError, match="set_table/val/000"):
         _ = failure.episode
 
@@ -219,7 +220,7 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)  # the large ones take most of the time
     replay = replay_of(rolls_away())
     write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
-    (failure,) = read_failures([tmp_path / "logs.parquet"], "stabilizing")
+    (failure,) = read_logged([tmp_path / "logs.parquet"], "stabilizing")
     scene = episode_scene(failure.episode)
     world = VectorSimulator(1)
     world.reset(0, scene, start_pose(scene.apartment, failure.episode, 0))

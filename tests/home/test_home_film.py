@@ -1,6 +1,8 @@
 """Films of episodes: the trajectory is that of the protocol; what stands beside what; who is said to act."""
 
+import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import imageio_ffmpeg
 import numpy as np
@@ -10,21 +12,23 @@ from PIL import Image
 from perdure.errors import PerdureError
 from perdure.film import GAP
 from perdure.home import film
-from perdure.home.agents.learned import Scripted
-from perdure.home.agents.release import Ik
-from perdure.home.agents.scripted import Oracle
-from perdure.home.evaluate.execute import Executor, ExecutorOptions
-from perdure.home.evaluate.policies import SHIPPED, SkillPolicy
-from perdure.home.film import Agent, Caption, FilmOptions, Frame, film_episode, make_agent, record
+from perdure.home.evaluate.execute import ExecutorOptions
+from perdure.home.evaluate.policies import SHIPPED, make_agents
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.film import Agent, Frame, film_episode, record
 from perdure.home.pictures import put, render_scene
 from perdure.home.sim.scene import SceneOptions
-from perdure.home.skills import get_skill
+from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
 
 SIZE = (96, 64)
-STEPS = 260
-"""Until the first object is in the hand."""
+ORACLES = dict.fromkeys(SKILLS, "oracle")
+
+
+def agent(place="rl", policies=ORACLES, train_seed=0, **options):
+    options = ExecutorOptions(settle_steps=2, **options)
+    return Agent(EvaluationProtocol("set_table", place, policies=policies, options=options), train_seed)
 
 
 @pytest.fixture(scope="module")
@@ -32,73 +36,69 @@ def episode():
     return load_episodes("set_table", "val")[3]
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def fast(monkeypatch):
-    monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)  # the large ones take most of the time
+    """A second of simulation, small shadows."""
+    monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)
+    for skill in SKILLS:
+        monkeypatch.setattr(SKILLS[skill], "step_limit", 2)
 
 
-def filmed(*arguments):
+def filmed(*arguments, **options):
     try:
-        return film_episode(*arguments)
+        return film_episode(*arguments, **options)
     except PerdureError as error:
         if "no picture can be drawn" in str(error):
             pytest.skip("this machine has neither EGL nor OSMesa")
         raise
 
 
-class EnoughError(Exception):
-    pass
-
-
-def test_a_recording_is_the_trajectory_of_the_protocol():
-    episode = load_episodes("set_table", "val")[5]
-    options = ExecutorOptions(eval_seed=1, lanes=1, threads=1, scene=SceneOptions(rolling=0.0))
-    oracle = film._oracle(episode)
-    shown = []
-    frames, log = record(episode, oracle, options, seconds=STEPS / 30, show=shown.append)
-    assert log is None
-    assert (len(frames), frames) == (STEPS, shown)
+def test_a_recording_is_the_trajectory_of_the_protocol(monkeypatch):
+    """An executor that is not filmed has the same states. Skills are cut short."""
+    for skill in SKILLS:
+        monkeypatch.setattr(SKILLS[skill], "step_limit", 20 if skill == "navigate" else 4)
+    episode, mine, shown = load_episodes("set_table", "val")[5], agent(eval_seed=1, scene=SceneOptions(rolling=0.0)), []
+    frames, log = record(episode, mine, shown.append)
+    assert (len(frames), frames) == (log.length, shown)
+    assert (log.strategy, log.eval_seed) == ("rl drag", 1)
 
     alone, grippers = [], []
 
-    def watch(world, episodes):
+    def watch(world, running):
         alone.append(world.simulator(0).qpos.copy())
         grippers.append(world.simulator(0).data.site("gripper").xpos.copy())
-        if len(alone) == STEPS:
-            raise EnoughError
 
-    agent = Oracle()
-    names = {step.skill for step in make_plan(episode.home_task)}
-    agents = {name: Scripted() if name == "reset_arm" else agent for name in names}
-    with pytest.raises(EnoughError):
-        next(Executor({name: get_skill(name) for name in names}, agents, options).run([episode], watch))
+    protocol = mine.protocol
+    executor = film.Executor(protocol.skills(), make_agents(mine.policies, "rl"), protocol.options)
+    list(executor.run([episode], watch))
     assert np.array_equal([frame.state for frame in frames], alone)
 
     scene = render_scene(episode, 1)
-    for step in range(0, STEPS, 20):  # what is drawn is where the simulation was
+    for step in range(0, len(frames), 20):  # what is drawn is where the simulation was
         put(scene, frames[step].state)
         np.testing.assert_allclose(scene.gripper, grippers[step], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
-def test_a_film_shows_every_part_of_the_episode(episode, tmp_path, name):
-    """8 s a second: 1 s of the episode is 0.125 s of film, which is 3.75 pictures of an MP4 and 1.6 of a GIF."""
-    assert filmed(episode, tmp_path / name, FilmOptions(size=SIZE, speed=8.0, seconds=1.0)) == [None]
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif", "film.webp"])
+def test_a_film_shows_every_part_of_the_episode(episode, tmp_path, fast, name):
+    """8 s a second: 1 s of the episode is 0.125 s of film, which is 3.75 pictures of an MP4 and 1.6 of the others."""
+    (log,) = filmed(episode, tmp_path / name, [agent()], size=SIZE, speed=8.0)
+    seconds = log.length / 30.0
     assert [path.name for path in tmp_path.iterdir()] == [name]
-    if name.endswith("gif"):
-        with Image.open(tmp_path / name) as gif:
-            assert gif.n_frames == 2
+    if name.endswith("mp4"):
+        assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / name))[0] == int(3.75 * seconds) + 1
     else:
-        assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / name))[0] == 4
+        with Image.open(tmp_path / name) as animation:
+            assert animation.n_frames == int(1.5625 * seconds) + 1
 
 
-def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
-    """Left shows 20, 60; right shows 100, 140, 180, 220: a stand-in draws each state in its own gray."""
-    shown = {"left": (20, 60), "right": (100, 140, 180, 220)}
+GRAYS = {"rl": (20, 60), "stop": (100, 140, 180, 220)}
+"""What a stand-in shows of each agent: its states are grays."""
 
-    def recorded(episode, agent, *given):
-        caption = Caption(0.0, 1, "", (("pick_0", False),))
-        return [Frame(np.array([v]), caption, None, -1) for v in shown[agent.skill_agents]], None
+
+@pytest.fixture
+def grays(monkeypatch):
+    """Films of `GRAYS`."""
 
     class Studio:
         simulator = None
@@ -112,16 +112,22 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
         def __exit__(self, *error):
             pass
 
-        def take(self, camera, marks):
+        def take(self, camera, marks, path):
             return np.full((SIZE[1], SIZE[0], 3), self.simulator, dtype=np.uint8)
+
+    def recorded(episode, agent):
+        shown = GRAYS[agent.protocol.place]
+        return [Frame(np.array([gray]), 0.0, "", film.caption("", ""), None, -1) for gray in shown], None
 
     monkeypatch.setattr(film, "record", recorded)
     monkeypatch.setattr(film, "Studio", Studio)
     monkeypatch.setattr(film, "Follower", lambda simulator: None)
     monkeypatch.setattr(film, "put", lambda simulator, state: setattr(Studio, "simulator", state[0]))
-    agents = [Agent(f"{side} title", "caption", side, {}) for side in shown]
-    options = FilmOptions("plan", SIZE, speed=film.RATES[".gif"] / 30)  # each step is one picture
-    film_episode(episode, tmp_path / "film.gif", options, agents)
+
+
+def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, grays):
+    speed = film.RATES[".gif"] / 30  # each step is one picture
+    film_episode(episode, tmp_path / "film.gif", [agent("rl"), agent("stop")], "head", size=SIZE, speed=speed)
     seen = []
     with Image.open(tmp_path / "film.gif") as gif:
         assert gif.size[0] == 2 * SIZE[0] + GAP
@@ -132,57 +138,120 @@ def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, monkeypatch):
     np.testing.assert_allclose(seen, [(20, 100), (60, 140), (60, 180), (60, 220)], atol=6.0)
 
 
-def test_two_strategies_are_filmed(episode, tmp_path):
-    agents = [make_agent("set_table", place, policies={"place": "oracle"}) for place in ("rl", "ik")]
-    options = FilmOptions(size=SIZE, speed=8.0, seconds=0.5)
-    assert filmed(episode, tmp_path / "film.mp4", options, agents) == [None, None]  # the film ended before the episode
-    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+class Story:
+    """A log of 200 steps: the bowl moves by 1 cm a step along x, and is released after step 60."""
+
+    length, name = 200, "a log"
+    targets = (SimpleNamespace(kind="024_bowl", goal=(0.61, 0.0, 0.0)),)
+    release = SimpleNamespace(step=60, object_speed=0.3)
+
+    def __init__(self):
+        positions = np.zeros((self.length, 1, 3))
+        positions[:, 0, 0] = 0.01 * np.arange(self.length)
+        self.history = SimpleNamespace(facts=SimpleNamespace(object_positions=positions))
+
+
+def words(frame):
+    return [text for _, cells in frame.caption for text, _ in cells]
+
+
+def test_a_release_is_shown_from_before_it_until_after_it_with_the_way_of_the_object(monkeypatch):
+    monkeypatch.setattr(film, "placement", lambda log, target: log.release)
+    frames = [Frame(np.array([step]), 0.0, "", [], None, -1) for step in range(200)]
+    shown = film._around_release(frames, Story(), 0)
+    assert [frame.state[0] for frame in shown] == list(range(15, 151))  # 1.5 s before, 3 s after
+    assert words(shown[0]) == ["bowl in the hand", "1.5 s before the release"]
+    assert words(shown[-1]) == ["released at 0.30 m/s, 0.89 m from its goal", "3.0 s after the release"]
+    ends = [point[0] for point, _ in shown[-1].path]
+    np.testing.assert_allclose(ends, 0.01 * np.arange(15, 151))
+    colors = [color for _, color in shown[-1].path]
+    assert len(set(colors[:46])) == len(set(colors[46:])) == 1
+    assert colors[45] != colors[46]
+    assert len(shown[60].path) == 61  # only what was until then
+
+
+def test_a_release_at_the_end_waits_in_its_last_state_and_none_is_refused(monkeypatch):
+    monkeypatch.setattr(film, "placement", lambda log, target: log.release)
+    monkeypatch.setattr(Story, "release", SimpleNamespace(step=190, object_speed=0.3))
+    frames = [Frame(np.array([step]), 0.0, "", [], None, -1) for step in range(200)]
+    shown = film._around_release(frames, Story(), 0)
+    assert len(shown) == 136
+    assert [frame.state[0] for frame in shown[-3:]] == [199, 199, 199]
+    monkeypatch.setattr(Story, "release", None)
+    with pytest.raises(PerdureError, match="target 0 is never released in a log"):
+        film._around_release(frames, Story(), 0)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"speed": 0.0}, "speed"),
-        ({"seconds": 0.0}, "longer than"),
         ({"size": (95, 64)}, "even"),
         ({"camera": "x"}, "'x'"),
+        ({"release": 2}, "0 to 1, not 2"),
     ],
 )
-def test_wrong_films_are_refused(options, message):
+def test_wrong_films_are_refused(episode, tmp_path, options, message):
     with pytest.raises(PerdureError, match=message):
-        FilmOptions(**options)
+        film_episode(episode, tmp_path / "film.mp4", [agent()], **options)
 
 
 def test_another_training_seed_may_change_the_place_policy_alone(tmp_path):
     mine = {"place": str(tmp_path / "seed-{seed}.safetensors")}
-    (tmp_path / "seed-77.safetensors").write_bytes((SHIPPED / "tidy_house/place/seed-0.safetensors").read_bytes())
+    place = SHIPPED / "tidy_house/place/seed-0.safetensors"
+    (tmp_path / "seed-77.safetensors").write_bytes(place.read_bytes())
     with pytest.raises(PerdureError, match="training seed 77"):
-        make_agent("tidy_house", "rl", 77, mine)
+        Agent(EvaluationProtocol("tidy_house", "rl", policies=mine), 77)
+    alone = EvaluationProtocol("tidy_house", "rl", policies=mine, vary="place")
     with pytest.raises(PerdureError, match="seed-0"):
-        make_agent("tidy_house", "rl", 0, mine, vary="place")
-    (tmp_path / "seed-0.safetensors").write_bytes((tmp_path / "seed-77.safetensors").read_bytes())
-    assert "every skill" in make_agent("tidy_house", "rl", 77, mine, vary="place").caption
+        Agent(alone)
+    (tmp_path / "seed-0.safetensors").write_bytes(place.read_bytes())
+    assert "every skill" in Agent(alone, 77).caption
 
 
-def test_an_agent_acts_as_in_the_protocol():
-    agent = make_agent("set_table", "ik", policies={"place": "oracle", "pick": "oracle"})
-    assert isinstance(agent.skill_agents["place"], Ik)
-    assert isinstance(agent.skill_agents["pick"], Oracle)
-    assert agent.title.startswith("ik: ")
-    waiting = make_agent("set_table", "delta-50", policies={"place": "oracle"})
-    assert waiting.skills["place"].limit == 250
-    assert "50 steps" in waiting.title
-    with pytest.raises(PerdureError, match="rl, stop, ik"):
-        make_agent("set_table", "throw")
+def test_a_live_view_shows_each_agent_in_turn(episode, fast, monkeypatch):
+    """A server of mjviser that stops after the second episode; what it was shown are the recorded states."""
+    shown, said, agents = [], [], [agent("rl"), agent("stop")]
+
+    class Server:
+        scene = SimpleNamespace(reset=lambda: shown.append([]))
+
+        def __init__(self, port, verbose):
+            assert port == 1234
+
+        def get_port(self):
+            return 1234
+
+        def stop(self):
+            said.append("stopped")
+
+    class Scene:
+        def __init__(self, server, model, num_envs):
+            if len(shown) == 3:
+                raise KeyboardInterrupt
+
+        def update_from_mjdata(self, data):
+            shown[-1].append(data.qpos.copy())
+
+    monkeypatch.setitem(sys.modules, "viser", SimpleNamespace(ViserServer=Server))
+    monkeypatch.setitem(sys.modules, "mjviser", SimpleNamespace(ViserMujocoScene=Scene))
+    with pytest.raises(KeyboardInterrupt):
+        film.serve_episode(episode, agents, 1234, speed=1000.0, report=said.append)
+    for states, each in zip(shown, agents, strict=False):
+        assert np.array_equal(states, [frame.state for frame in record(episode, each)[0]])
+    assert said[0] == "http://localhost:1234"
+    assert [agents[0].caption in said, agents[1].caption in said, said[-1]] == [True, True, "stopped"]
 
 
 def test_captions_say_who_acts():
-    oracle, learned = SkillPolicy("oracle"), SkillPolicy("a file", "0123")
-    assert "no learned policy" in film.acting({"pick": oracle, "place": oracle})
-    mixed = film.acting({"pick": oracle, "place": learned})
-    assert "learned: place;" in mixed
-    assert "oracle" in mixed
-    assert "oracle" not in film.acting({"pick": learned, "place": learned})
+    assert agent().caption == "rl: the scripted oracle acts in every skill"
+    mixed = agent("ik", {"pick": "oracle", "place": "oracle"})
+    assert "learned: " in mixed.caption
+    assert "oracle" in mixed.caption
+    assert agent("stop", {}).caption == "stop: learned policies act in every skill"
+    assert mixed.title == "stops, lowers the hand by 5 cm, opens it"
+    waiting = agent("delta-50", {"place": "oracle"}, planner="closed")
+    assert "50 steps, planned again after each skill" in waiting.title
 
 
 def test_captions_say_what_is_done(episode):

@@ -33,8 +33,8 @@ HOME_USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home list                          tasks, episodes, skills, objects
   perdure home episode TASK --index 3        starts and goals of an episode; with --render out.png a picture
   perdure home plan TASK                     the task plan, found by a STRIPS planner
-  perdure home video TASK --index 3          a film of the oracle; with --place of release strategies side by side
-  perdure home view TASK --index 3           the oracle live in a browser
+  perdure home video TASK --place rl stop    a film of an episode, release strategies side by side
+  perdure home view TASK --index 3           an episode live in a browser
   perdure home train SKILL                   train a skill
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
   perdure home analyze LOGS --out PAGE       success per stage, failure causes, placements; with --out as a page

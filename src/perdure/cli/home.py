@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,7 +27,6 @@ Split = Annotated[
 ]
 Index = Annotated[int, tyro.conf.arg(help="Number of the episode in its split.")]
 EvalSeed = Annotated[int, tyro.conf.arg(help="Draws the robot's start pose.")]
-Speed = Annotated[float, tyro.conf.arg(help="Playback speed relative to real time.")]
 Vary = Annotated[
     Literal["all", "place"],
     tyro.conf.arg(
@@ -150,74 +149,98 @@ def plan(task: Task) -> None:
     Console().print(table)
 
 
+@dataclass(frozen=True)
+class Shown:
+    """An episode and who acts in it; several act side by side in a film, one after the other in a live view."""
+
+    task: Task
+    split: Split = "val"
+    index: Index = 0
+    eval_seed: EvalSeed = 0
+    place: tuple[str, ...] = ()
+    """Release strategies, as for `perdure home run`: rl when none is given, or all that the logs hold."""
+    policies: Policies = ()
+    train_seed: int = 0
+    """Training seed of the shipped policies."""
+    planner: PlannerName = "open"
+    world: World = WorldOptions()  # noqa: RUF009 - frozen
+    """The variant of the physics."""
+    logs: tuple[Path, ...] = ()
+    """Logs, or folders that hold some. The runs of this episode with these seeds are repeated, each with its policies,
+    planner and physics."""
+
+    def open(self) -> tuple[Any, list[Any]]:
+        """Return the `Episode` and each `Agent` that acts."""
+        from perdure.home.evaluate.execute import ExecutorOptions
+        from perdure.home.evaluate.log import UNTRAINED
+        from perdure.home.evaluate.protocol import EvaluationProtocol
+        from perdure.home.failures import read_logged
+        from perdure.home.film import AFTERWARDS, Agent
+        from perdure.home.tasks.episodes import load_episodes
+
+        chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
+        if not self.logs:
+            scene = SceneOptions(**vars(self.world))
+            options = ExecutorOptions(self.eval_seed, scene=scene, settle_steps=AFTERWARDS, planner=self.planner)
+            first = EvaluationProtocol(self.task, "rl", self.split, episodes=1, policies=chosen, options=options)
+            named = [replace(first, place=each) for each in self.place or ("rl",)]
+            return episode, [Agent(each, self.train_seed) for each in named]
+        if (self.planner, self.world) != ("open", WorldOptions()):
+            raise PerdureError("with --logs, planner and physics are those of the logs: leave them out")
+        runs = read_logged(
+            log_files(self.logs),
+            wanted=lambda log: (
+                log.name.endswith(f"{episode.name}, evaluation seed {self.eval_seed}")
+                and log.train_seed in (self.train_seed, UNTRAINED)
+                and (not self.place or log.strategy.partition(" ")[0] in self.place)
+            ),
+        )
+        if not runs:
+            raise PerdureError(f"the logs hold no such run of {episode.name}: seeds or --place differ")
+        return runs[0].episode, [each.agent(chosen) for each in runs]
+
+
+ShownFlags = Annotated[Shown, tyro.conf.OmitArgPrefixes]
+
+
 def video(
-    task: Task,
-    split: Split = "val",
-    index: Index = 0,
+    shown: ShownFlags,
     out: Path = Path("home.mp4"),
     camera: str = "follow",
+    release: int | None = None,
     size: tuple[int, int] = (720, 480),
-    speed: Speed = 4.0,
-    seconds: float = math.inf,
-    eval_seed: EvalSeed = 0,
-    place: tuple[str, ...] = (),
-    policies: Policies = (),
-    train_seed: int = 0,
-    vary: Vary = "all",
-    planner: PlannerName = "open",
-    world: World = WorldOptions(),  # noqa: B008 - frozen
+    speed: float | None = None,
 ) -> None:
-    """Film an episode: the oracle, or several release strategies side by side. Needs no screen.
+    """Film an episode, or one release: several release strategies or logged runs side by side. Needs no screen.
 
     Args:
-        out: The film: .mp4 or .gif.
+        out: The film: .mp4, .gif or .webp.
         camera: follow, doll_house, plan, head or hand.
+        release: Film only the release of this target (0 is the first), by a camera that stands still at its goal.
         size: Width and height in pixels, even.
-        seconds: Simulated time after which it ends.
-        place: Release strategies, side by side in one film, as for `perdure home run`; the oracle alone when there is
-            none. --policies, --train-seed and --vary are for these.
-        train_seed: Training seed of the shipped policies.
-        world: The variant of the physics.
+        speed: Playback speed relative to real time; 4 by default, 1 with --release.
     """
-    from perdure.home.evaluate.execute import ExecutorOptions
     from perdure.home.evaluate.outcomes import latched
-    from perdure.home.film import FilmOptions, film_episode, make_agent
-    from perdure.home.tasks.episodes import load_episodes
+    from perdure.home.film import film_episode
 
-    filmed = load_episodes(task, split)[index]
-    executor = ExecutorOptions(eval_seed=eval_seed, scene=SceneOptions(**vars(world)), planner=planner)
-    options = FilmOptions(camera, size, speed, seconds, executor)
-    if policies and not place:
-        raise PerdureError("--policies needs --place: without release strategies the oracle acts in every skill")
-    chosen = parse_policies(policies)
-    agents = [make_agent(task, each, train_seed, chosen, vary, planner) for each in place]
-    logs = film_episode(filmed, out, options, agents)
-    for who, log in zip([f"{each}: " for each in place] or [""], logs, strict=True):
-        if log is not None:  # else the film ended before the episode
-            stages = latched(log)
-            print(f"{who}{sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
+    episode, agents = shown.open()
+    for log in film_episode(episode, out, agents, camera, size=size, speed=speed, release=release):
+        stages = latched(log)
+        print(f"{log.strategy}: {sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
     print(out)
 
 
-def view(
-    task: Task,
-    split: Split = "val",
-    index: Index = 0,
-    port: int = 8080,
-    speed: Speed = 1.0,
-    eval_seed: EvalSeed = 0,
-) -> None:
-    """Show the oracle in an episode live in a browser. Interrupt it to end.
+def view(shown: ShownFlags, port: int = 8080, speed: float = 1.0) -> None:
+    """Show an episode live in a browser, each release strategy or logged run in turn. Interrupt it to end.
 
     Args:
         port: Port of the server on this machine.
+        speed: Playback speed relative to real time.
     """
     from perdure.home.film import serve_episode
-    from perdure.home.tasks.episodes import load_episodes
 
-    shown = load_episodes(task, split)[index]
     try:
-        serve_episode(shown, port, speed, eval_seed, report=partial(print, flush=True))
+        serve_episode(*shown.open(), port, speed, report=partial(print, flush=True))
     except KeyboardInterrupt:
         print()
 
@@ -369,32 +392,27 @@ def failures(
         out: Folder for the pictures.
     """
     from perdure.film import check_film, open_context, save_picture
-    from perdure.home.failures import failure_sheet, logged_agent, read_failures, replay_failure, sample_failures
+    from perdure.home.failures import failure_sheet, read_logged, replay_failure, sample_failures
 
     chosen = parse_policies(policies)
     check_folder(out)
-    drawn = sample_failures(read_failures(log_files(logs), counting), count, seed)
+    drawn = sample_failures(read_logged(log_files(logs), counting), count, seed)
     if not drawn:
         print(f"no episode of these logs failed ({counting})")
         return
     # Errors are found before anything runs: missing policies, changed episodes, a machine that cannot render.
-    assigned = {failure.assignment: failure for failure in drawn}
-    agents = {assignment: logged_agent(failure, chosen) for assignment, failure in assigned.items()}
-    _ = [failure.episode for failure in drawn]
+    agents = [(failure.episode, failure.agent(chosen))[1] for failure in drawn]
     for failure in drawn:
         check_film(out / failure.file_name, (".png",))
     open_context(16, 16).free()
     others = 0
-    for failure in drawn:
-        replay = replay_failure(failure, agents[failure.assignment])
+    for failure, agent in zip(drawn, agents, strict=True):
+        replay = replay_failure(failure, agent)
         path = save_picture(failure_sheet(failure, replay), out / failure.file_name)
         differs = replay.label != failure.label
         others += differs
         again = f", replayed: {failure.words(replay.label)}" if differs else ""
-        log, words = failure.log, failure.words(failure.label)
-        seeds = f"training seed {log.train_seed}, evaluation seed {log.eval_seed}"
-        what = f"{log.task}, {log.split}, {log.strategy}, {seeds}, {log.index:03d}, {words}"
-        print(f"{what}, {path}{again}", flush=True)
+        print(f"{failure.log.name}, {failure.words(failure.label)}, {path}{again}", flush=True)
     if others:
         reason = "the code or the policies are not those of the logs"
         sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: {reason}")

@@ -7,23 +7,21 @@ eye.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.film import GRAY, INK, Picture, Row, annotate, tile
 from perdure.home.evaluate import outcomes
-from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.files import POLICIES, check_distinct, read_log_file, read_note
 from perdure.home.evaluate.log import EpisodeLog, History, Release, SkillRun
 from perdure.home.evaluate.outcomes import REST_MOVE, Counting, Label
 from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
-from perdure.home.film import SMALL, TITLE, Agent, Caption, make_agent, record, skill_words
-from perdure.home.pictures import AZIMUTHS, Follower, Shot, Studio, direction_of, goal_marks, put, render_scene
+from perdure.home.film import SMALL, TITLE, Agent, caption, record, skill_words
+from perdure.home.pictures import Follower, Studio, goal_marks, put, render_scene
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.sim.scene import CONTROL_HZ
@@ -42,26 +40,25 @@ PACE = 0.002
 
 COLUMNS, SIZE = 4, (480, 320)
 """Of one sheet; width and height of a picture in pixels, without the strip below."""
-DIRECTIONS = np.array(list(product(AZIMUTHS, np.radians([12.0, 24.0, 36.0, 50.0, 65.0]))))
-"""Azimuths and elevations of the camera that are tried, in [rad]."""
-USUAL_ELEVATION = np.radians(36.0)
 FAR_HAND = 1.5
 """A hand farther from a handle than this in [m] is not shown."""
-NEAR, ZOOM, FAR = 1.3, 1.7, 4.5
-"""The camera is NEAR + ZOOM * (distance of the two things it looks at) away, FAR at most, in [m]."""
 
 
 @dataclass(frozen=True)
-class Failure:
-    """A failed episode of some logs."""
+class Logged:
+    """An episode of some logs that can run again."""
 
     log: EpisodeLog
     counting: Counting
-    label: Label
     protocol: EvaluationProtocol
     """What was run, from the notes of the logs."""
     policies: tuple[tuple[str, str], ...] = ()
     """The policy of each skill, as the notes of the logs name it."""
+
+    @property
+    def label(self) -> Label | None:
+        """Why it failed; None for a success."""
+        return outcomes.label(self.log, self.counting)
 
     @cached_property
     def episode(self) -> Episode:
@@ -72,51 +69,64 @@ class Failure:
             raise PerdureError(f"{log.name} is not the episode that this package has under that number")
         return episode
 
-    @property
-    def assignment(self) -> tuple[str, str, int, tuple[tuple[str, str], ...]]:
-        """Task, `place`, training seed and `policies`: failures with equal ones share an agent, see `logged_agent`."""
-        return self.log.task, self.protocol.place, self.log.train_seed, self.policies
+    def agent(self, policies: Mapping[str, str]) -> Agent:
+        """Return the agent that acted when it was logged, with the settings of the log.
 
-    @property
-    def options(self) -> ExecutorOptions:
-        """The settings it was run with."""
-        log = self.log
+        Args:
+            policies: Skill to file or "oracle", in place of what the logs name.
+
+        Raises:
+            PerdureError: If the release strategy is another simulator's, or a policy file is missing or has changed.
+        """
+        log, given = self.log, self.protocol.options
+        # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
+        elsewhere = SKILLS.keys() - set(needed_skills(get_task(log.task), given.planner))
+        named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
         settle = SETTLE_STEPS if log.diverged else log.length - log.steps
-        return replace(self.protocol.options, eval_seed=log.eval_seed, settle_steps=settle, lanes=1, threads=1)
+        options = replace(given, eval_seed=log.eval_seed, settle_steps=settle)
+        protocol = replace(self.protocol, policies={**self.protocol.policies, **named}, options=options)
+        agent = Agent(protocol, log.train_seed)
+        for skill, name in self.policies:
+            if (now := agent.policies[skill].name) != name and skill not in named:
+                raise PerdureError(
+                    f"{skill} of these logs was {name}, and is {now} now: --policies {skill}=FILE names one"
+                )
+        return agent
 
     def words(self, found: Label | None) -> str:
         """Return a label of this episode as text, such as `place_1, rolled, 013_apple`."""
-        if found is None:
-            return "no failure"
-        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}"
+        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}" if found else "no failure"
 
     @property
     def file_name(self) -> str:
         """Such as `set_table-val-ik-drag-train-0-eval-0-003.png`."""
-        log, strategy = self.log, self.log.strategy.replace("+", "-plus").replace(" ", "-")
+        log = self.log
         seeds = f"train-{log.train_seed}-eval-{log.eval_seed}"
-        return f"{log.task}-{log.split}-{strategy}-{seeds}-{log.index:03d}.png"
+        return f"{log.task}-{log.split}-{log.strategy}-{seeds}-{log.index:03d}.png".replace(" ", "-")
 
 
-def read_failures(paths: Sequence[str | os.PathLike[str]], counting: Counting) -> list[Failure]:
-    """Return the failed episodes of log files, in the order of `EpisodeLog.key`.
+def read_logged(
+    paths: Sequence[str | os.PathLike[str]],
+    counting: Counting = "stabilizing",
+    wanted: Callable[[EpisodeLog], bool] | None = None,
+) -> list[Logged]:
+    """Return the wanted episodes of log files, those that failed when None, in the order of `EpisodeLog.key`.
 
     Raises:
         PerdureError: A file holds no logs, an episode is there twice, or cannot be replayed by this package.
     """
     files = [(*read_log_file(path), path) for path in paths]
     check_distinct([log for logs, _, _ in files for log in logs], "the logs")
-    failures = []
+    found = []
     for logs, notes, path in files:
-        policies = tuple(read_note(notes, "policies", POLICIES).items())
-        labels = [(log, found) for log in logs if (found := outcomes.label(log, counting)) is not None]
-        if labels:
+        if chosen := [log for log in logs if (wanted(log) if wanted else outcomes.label(log, counting) is not None)]:
             protocol = noted_protocol(notes, path)
-            failures += [Failure(log, counting, found, protocol, policies) for log, found in labels]
-    return sorted(failures, key=lambda failure: failure.log.key)
+            policies = tuple(read_note(notes, "policies", POLICIES).items())
+            found += [Logged(log, counting, protocol, policies) for log in chosen]
+    return sorted(found, key=lambda each: each.log.key)
 
 
-def sample_failures(failures: Sequence[Failure], count: int, seed: int) -> list[Failure]:
+def sample_failures(failures: Sequence[Logged], count: int, seed: int) -> list[Logged]:
     """Return `count` failures drawn at random without replacement; all when there are fewer. `seed` fixes the draw."""
     for name, value, least in (("count", count, 1), ("seed", seed, 0)):
         if value < least:
@@ -142,34 +152,9 @@ class Replay:
         return self.log.history
 
 
-def logged_agent(failure: Failure, policies: Mapping[str, str]) -> Agent:
-    """Return the agent that acted when a failure was logged.
-
-    Args:
-        failure: The failure.
-        policies: Skill to file or "oracle", in place of what the logs name.
-
-    Raises:
-        PerdureError: If the release strategy is another simulator's, or a policy file is missing or has changed.
-    """
-    task, place, train_seed, noted = failure.assignment
-    # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
-    elsewhere = SKILLS.keys() - set(needed_skills(get_task(task), failure.protocol.options.planner))
-    named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
-    protocol = replace(failure.protocol, policies={**failure.protocol.policies, **named})
-    chosen = protocol.policies_of(train_seed)
-    for skill, name in noted:
-        if skill not in named and (now := chosen[skill].name) != name:
-            raise PerdureError(f"{skill} of these logs was {name}, and is {now} now: --policies {skill}=FILE names one")
-    sources = {skill: each.source for skill, each in chosen.items()}
-    return make_agent(task, place, train_seed, sources, planner=protocol.options.planner)
-
-
-def replay_failure(failure: Failure, agent: Agent) -> Replay:
+def replay_failure(failure: Logged, agent: Agent) -> Replay:
     """Run an episode again with the settings of its log."""
-    log = failure.log
-    frames, again = record(failure.episode, agent, failure.options, strategy=log.strategy, train_seed=log.train_seed)
-    assert again is not None
+    frames, again = record(failure.episode, agent)
     return Replay(again, outcomes.label(again, failure.counting), np.array([frame.state for frame in frames]))
 
 
@@ -253,20 +238,16 @@ def failed_run(log: EpisodeLog, found: Label) -> SkillRun | None:
 
 
 def _fill(keys: Sequence[int], way: FloatArray) -> list[int]:
-    """Return up to `PICTURES` steps: `keys`, and between them others at even distances along `way`."""
-    parts = np.ones(len(keys) - 1, dtype=np.int64)
-    gaps, room = np.diff(way[list(keys)]), np.diff(keys)
-    while parts.sum() + 1 < PICTURES and (free := (parts < room) & (gaps > 0.0)).any():
-        parts[np.argmax(np.where(free, gaps / parts, -1.0))] += 1
-    steps = set(keys)
-    for first, last, count in zip(keys[:-1], keys[1:], parts, strict=True):
-        wanted, number = np.linspace(way[first], way[last], count + 1)[1:-1], np.arange(1, count)
-        rising = np.maximum.accumulate(np.searchsorted(way, wanted - 1e-9) - number) + number
-        steps |= set(map(int, np.clip(rising, first + number, last - count + number)))
-    return sorted(steps)
+    """Return up to `PICTURES` steps: `keys`, and others that halve the longest stretch of `way` between two of them."""
+    steps = list(keys)
+    while len(steps) < PICTURES and (np.diff(steps) > 1).any():
+        k = int(np.argmax(np.where(np.diff(steps) > 1, np.diff(way[steps]), -1.0)))
+        middle = int(np.searchsorted(way, 0.5 * (way[steps[k]] + way[steps[k + 1]])))
+        steps.insert(k + 1, min(max(middle, steps[k] + 1), steps[k + 1] - 1))
+    return steps
 
 
-def failure_sheet(failure: Failure, replay: Replay) -> Picture:
+def failure_sheet(failure: Logged, replay: Replay) -> Picture:
     """Return the pictures of a replay, two rows of four, under a title. Shape (height, width, 3).
 
     The replay's own label is shown where it has one.
@@ -275,17 +256,19 @@ def failure_sheet(failure: Failure, replay: Replay) -> Picture:
         PerdureError: If no picture can be drawn on this machine.
     """
     log, found = (failure.log, failure.label) if replay.label is None else (replay.log, replay.label)
+    assert found is not None
     episode, taken = failure.episode, picture_steps(replay, found)
     views = [_view(episode, replay, found, step) for step in taken]
     states, pictures = [replay.states[step] for step in taken], []
     marks = [goal_marks(episode)[found.target]]
     simulator = render_scene(episode, failure.log.eval_seed)
     with Studio(simulator, SIZE) as studio:
-        shots = _shots(Follower(simulator), states, [points for points, _ in views], found.target)
+        pairs = [points for points, _ in views]
+        shots = Follower(simulator).fixed(states, pairs, found.target)
         for (step, note), state, shot, (_, measure) in zip(taken.items(), states, shots, views, strict=True):
             put(simulator, state)
-            caption = _step_caption(episode, replay, step, note or measure)
-            pictures.append(annotate(studio.take(shot, marks), (), caption.rows(1.0)))
+            below = _step_caption(episode, replay, step, note or measure)
+            pictures.append(annotate(studio.take(shot, marks), (), below))
     title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
     numbers = _numbers(replay, found)
     if replay.label != failure.label:
@@ -316,15 +299,15 @@ def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[Fl
     return np.stack([handle, gripper]), f"{words}, hand {hand:.2f} m"
 
 
-def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> Caption:
+def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> list[Row]:
     """Return the text of the strip below a picture."""
     log = replay.log
     run = log.run_at(step)
     begun = sum(each.begin <= step for each in log.runs)
     stages = zip(episode.home_task.stages, outcomes.stage_steps(log), strict=True)
-    skill = "settling" if run is None else skill_words(episode, run)
+    skill = "after the plan" if run is None else skill_words(episode, run)
     reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
-    return Caption((step + 1) / CONTROL_HZ, begun, f"{skill}: {words}", reached)
+    return caption(f"{skill}: {words}", f"skill {begun}    {(step + 1) / CONTROL_HZ:.1f} s", reached)
 
 
 def _numbers(replay: Replay, found: Label) -> str:
@@ -345,20 +328,3 @@ def _numbers(replay: Replay, found: Label) -> str:
     span = f"{run.begin / CONTROL_HZ:.1f} to {run.end / CONTROL_HZ:.1f} s"
     reach = f"; hand {run.reach:.3f} m away at best" if run.skill == "pick" else ""
     return f"{run.skill.replace('_', ' ')}: {span}, {run.ending}; largest contact force {run.force:.0f} N{reach}"
-
-
-def _shots(camera: Follower, states: Sequence[FloatArray], points: Sequence[FloatArray], exclude: int) -> list[Shot]:
-    """Return a shot for each state (nq,), all from the one direction with the fewest occlusions.
-
-    Each shows two points (2, 3), the more important one first. The object of number `exclude` does not hide itself.
-    """
-    scores = -0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
-    framings = []
-    for state, pair in zip(states, points, strict=True):
-        put(camera.simulator, state)
-        middle, apart = pair.mean(axis=0), float(np.linalg.norm(pair[0] - pair[1]))
-        framings.append((middle, min(NEAR + ZOOM * apart, FAR)))
-        eyes = [middle + framings[-1][1] * direction_of(*direction) for direction in DIRECTIONS]
-        scores += [2.0 * camera.sees(pair[0], eye, exclude) + camera.sees(pair[1], eye, exclude) for eye in eyes]
-    best = direction_of(*DIRECTIONS[int(np.argmax(scores))])
-    return [Shot(middle + distance * best, middle) for middle, distance in framings]

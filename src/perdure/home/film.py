@@ -1,4 +1,4 @@
-"""Films of episodes: the oracle, or several release strategies side by side; also live in a browser.
+"""Films of episodes, or of one release, with several agents side by side; also live in a browser.
 
 An episode is run first and its states are kept (`record`); pictures are drawn from a copy of the scene afterwards, so
 the trajectory is the same as in the protocol.
@@ -8,140 +8,77 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import repeat
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from perdure.errors import PerdureError, lookup
-from perdure.film import GRAY, GREEN, INK, PALE, Picture, Row, annotate, check_film, tile, write_film
-from perdure.home.agents.learned import SkillAgent
+from perdure.film import GRAY, GREEN, INK, PALE, Color, Picture, Row, annotate, check_film, tile, write_film
 from perdure.home.evaluate.comparison import describe
-from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
-from perdure.home.evaluate.log import UNTRAINED, EpisodeLog, SkillRun
-from perdure.home.evaluate.policies import ORACLE, SkillPolicy, make_agents
-from perdure.home.evaluate.protocol import EvaluationProtocol, Vary
-from perdure.home.pictures import CAMERAS, Follower, Shot, Studio, goal_marks, put, render_scene
+from perdure.home.evaluate.execute import Executor, Running
+from perdure.home.evaluate.log import EpisodeLog, SkillRun
+from perdure.home.evaluate.outcomes import placement
+from perdure.home.evaluate.policies import SkillPolicy, make_agents
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.pictures import CAMERAS, COLORS, Follower, Line, Shot, Studio, goal_marks, overview, put, render_scene
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import short_name
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.skills import SKILLS, Skill
 from perdure.home.tasks.episodes import Episode
-from perdure.home.tasks.planners import PlannerName
 from perdure.home.tasks.tasks import SkillName, SkillStep
 
-AFTERWARDS = 45
-"""Control steps that are shown after the plan has ended."""
-RATES = {".mp4": 30.0, ".gif": 12.5}
+BEFORE, AFTERWARDS = 45, 90
+"""Control steps that are shown before a release, and after it or after the end of the plan."""
+MARGIN = 0.9
+"""Margin around the robot's way in overviews in [m]."""
+RATES = {".mp4": 30.0, ".gif": 12.5, ".webp": 12.5}
 """Pictures a second. GIFs count in hundredths of a second, and browsers slow down fast ones."""
 TITLE, WORDS, SMALL = 18, 18, 13
 """Font sizes."""
 
 
 @dataclass(frozen=True)
-class FilmOptions:
-    """Settings of a film."""
+class Agent:
+    """What acts: the policies of a training seed in a protocol."""
 
-    camera: str = "follow"
-    size: tuple[int, int] = (720, 480)
-    """Width and height of the picture in pixels, without the text around it; both even."""
-    speed: float = 4.0
-    """Playback speed relative to real time."""
-    seconds: float = math.inf
-    """Simulated time after which the film ends, if the episode is not over before."""
-    executor: ExecutorOptions = field(default_factory=ExecutorOptions)
-    """Evaluation seed and settings of the world; the rest is chosen by `record`."""
+    protocol: EvaluationProtocol
+    train_seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise PerdureError for numbers that make no film."""
-        lookup(CAMERAS, self.camera, "camera")
-        if not (self.speed > 0.0 and math.isfinite(self.speed)):
-            raise PerdureError(f"the speed of a film must be above 0, not {self.speed}")
-        if not self.seconds > 0.0:
-            raise PerdureError(f"a film must last longer than 0 s, not {self.seconds}")
-        if any(side % 2 for side in self.size):
-            raise PerdureError(f"width and height of a film must be even, not {self.size[0]} x {self.size[1]}")
+        """Raise PerdureError where a policy is missing."""
+        _ = self.policies
+
+    @cached_property
+    def policies(self) -> Mapping[SkillName, SkillPolicy]:
+        """The policy of each skill."""
+        return self.protocol.policies_of(self.train_seed)
+
+    @property
+    def title(self) -> str:
+        """Such as `stop, drag only`."""
+        return describe(self.protocol.name)
+
+    @property
+    def caption(self) -> str:
+        """Its name in logs, where learned policies act, and where the oracle does."""
+        learned = [skill for skill, each in self.policies.items() if each.learned]
+        words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
+        if len(learned) in (0, len(self.policies)):
+            words = f"{'learned policies act' if learned else 'the scripted oracle acts'} in every skill"
+        return f"{self.protocol.name}: {words}"
 
 
-@dataclass(frozen=True)
-class Agent:
-    """Policies for all skills and a release strategy, with the texts written over its film."""
-
-    title: str
-    """Such as `ik: stop, lower 5 cm`; empty for no text."""
-    caption: str
-    """Where learned policies act and where the oracle does."""
-    skill_agents: Mapping[str, SkillAgent]
-    skills: Mapping[str, Skill]
-
-    def rows(self, ended: bool) -> list[Row]:
-        """Return the text over its film."""
-        title = f"{self.title}{' (ended)' if ended else ''}"
-        return [(TITLE, [(title, INK)]), (SMALL, [(self.caption, GRAY)])] if self.title else []
-
-
-def make_agent(
-    task: str,
-    place: str,
-    train_seed: int = 0,
-    policies: Mapping[str, str] | None = None,
-    vary: Vary = "all",
-    planner: PlannerName = "open",
-) -> Agent:
-    """Return the agent of a release strategy.
-
-    Args:
-        task: Name of the task.
-        place: Release strategy, see `perdure.home.evaluate.policies.read_release`.
-        train_seed: Of the shipped policies.
-        policies: Skill to file or "oracle", see `choose_policies`; else shipped policies, else the oracle.
-        vary: Which policies are those of the training seed, see `EvaluationProtocol`.
-        planner: The planner, which decides what skills there are.
-
-    Raises:
-        PerdureError: If strategy, skill or file do not exist.
-    """
-    options = ExecutorOptions(planner=planner)
-    protocol = EvaluationProtocol(task, place, episodes=1, vary=vary, policies=policies or {}, options=options)
-    chosen = protocol.policies_of(train_seed)
-    skill_agents = make_agents(chosen, protocol.release.strategy)
-    return Agent(f"{place}: {describe(place)}", acting(chosen), skill_agents, protocol.skills())
-
-
-def acting(chosen: Mapping[SkillName, SkillPolicy]) -> str:
-    """Return where learned policies act and where the oracle does, in words."""
-    learned = [skill for skill, each in chosen.items() if each.learned]
-    if not learned:
-        return "the scripted oracle acts in every skill: there is no learned policy for any"
-    if len(learned) == len(chosen):
-        return "learned policies act in every skill"
-    return f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
-
-
-@dataclass(frozen=True)
-class Caption:
-    """The caption of one step of an episode."""
-
-    seconds: float
-    """Simulated time since the start."""
-    number: int
-    """Number of skills that have begun."""
-    words: str
-    """Such as `pick the bowl`."""
-    stages: tuple[tuple[str, bool], ...]
-    """Names of the stages, and whether each was reached."""
-
-    def rows(self, speed: float) -> list[Row]:
-        """Return the text below a picture; stages turn green once they are reached. `speed` relative to real time."""
-        pace = f"{speed:g} x real time" if speed != 1.0 else "real time"
-        clock = f"skill {self.number}    {self.seconds:.1f} s    {pace}"
-        stages = [(name.replace("_", " "), GREEN if done else PALE) for name, done in self.stages]
-        return [(WORDS, [(self.words, INK)]), (SMALL, [(clock, GRAY)]), (SMALL, stages)]
+def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> list[Row]:
+    """Return the text below a picture; the names of stages turn green once they are reached."""
+    names = [(name.replace("_", " "), GREEN if done else PALE) for name, done in stages]
+    return [(WORDS, [(words, INK)]), (SMALL, [(clock, GRAY)]), *([(SMALL, names)] if names else [])]
 
 
 def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
@@ -160,39 +97,28 @@ class Frame:
 
     state: FloatArray
     """MuJoCo's `qpos`. Shape (nq,)."""
-    caption: Caption
+    seconds: float
+    """Simulated time since the start."""
+    words: str
+    """What the robot does."""
+    caption: Sequence[Row]
     focus: FloatArray | None
     """Point of the room that the skill is about, shape (3,)."""
     focused: int
     """Number of the object there, -1 for none."""
-
-
-class _TimeOverError(Exception):
-    """The time limit ended the episode."""
+    path: Line = ()
+    """Where a released object has been."""
 
 
 def record(
-    episode: Episode,
-    agent: Agent,
-    options: ExecutorOptions | None = None,
-    seconds: float = math.inf,
-    show: Callable[[Frame], None] | None = None,
-    *,
-    strategy: str = "unnamed",
-    train_seed: int = UNTRAINED,
-) -> tuple[list[Frame], EpisodeLog | None]:
+    episode: Episode, agent: Agent, show: Callable[[Frame], None] = lambda frame: None
+) -> tuple[list[Frame], EpisodeLog]:
     """Run one episode and return a frame for each control step, and its log with its history.
-
-    The log is None if the time limit ended the episode.
 
     Args:
         episode: The episode.
-        agent: Policies and release strategy.
-        options: Evaluation seed and settings of the world; one lane and one thread are used.
-        seconds: Simulated time after which it is broken off.
+        agent: What acts, in one lane and one thread.
         show: Called with every frame while the episode runs.
-        strategy: Written into the log.
-        train_seed: Written into the log.
     """
     frames: list[Frame] = []
     reached: list[str] = []
@@ -203,103 +129,134 @@ def record(
         facts, stages = now.facts(world, 0), episode.home_task.stages
         while len(reached) < len(stages) and stages[len(reached)].met(facts):
             reached.append(stages[len(reached)].name)
-        words = "settling" if step is None else skill_words(episode, step)
-        begun, seconds_now = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
-        caption = Caption(seconds_now, begun, words, tuple((each.name, each.name in reached) for each in stages))
+        words = "the plan has ended" if step is None else skill_words(episode, step)
+        begun, seconds = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
+        clock, done = f"skill {begun}    {seconds:.1f} s", [(each.name, each.name in reached) for each in stages]
         skill, target = "reset_arm" if step is None else step.skill, world.skill_goal(0).target
         near = {"pick": state.object, "place": state.goal, "navigate": state.aim}.get(skill, state.handle)
         focus = None if skill == "reset_arm" else near[0].copy()
         focused = target if skill in ("pick", "place") else -1
-        frames.append(Frame(world.simulator(0).qpos.copy(), caption, focus, focused))
-        if show is not None:
-            show(frames[-1])
-        if seconds_now >= seconds:
-            raise _TimeOverError
+        said = caption(words, clock, done)
+        frames.append(Frame(world.simulator(0).qpos.copy(), seconds, words, said, focus, focused))
+        show(frames[-1])
 
-    options = replace(options or ExecutorOptions(settle_steps=AFTERWARDS), lanes=1, threads=1)
-    executor = Executor(agent.skills, agent.skill_agents, options, strategy=strategy, train_seed=train_seed)
-    try:
-        (log,) = executor.run([episode], observe)
-    except _TimeOverError:
-        return frames, None
+    protocol, options = agent.protocol, replace(agent.protocol.options, lanes=1, threads=1)
+    acts = make_agents(agent.policies, protocol.release.strategy)
+    executor = Executor(protocol.skills(), acts, options, strategy=protocol.name, train_seed=agent.train_seed)
+    (log,) = executor.run([episode], observe)
     return frames, log
 
 
 def film_episode(
-    episode: Episode, path: Path, options: FilmOptions | None = None, agents: Sequence[Agent] = ()
-) -> list[EpisodeLog | None]:
-    """Film one episode, under several agents from left to right; those that end early hold their last picture.
+    episode: Episode,
+    path: Path,
+    agents: Sequence[Agent],
+    camera: str = "follow",
+    *,
+    size: tuple[int, int] = (720, 480),
+    speed: float | None = None,
+    release: int | None = None,
+) -> list[EpisodeLog]:
+    """Film one episode, under several agents from left to right, and return their logs.
+
+    Those that end early hold their last picture.
 
     Args:
         episode: The episode.
-        path: The film: `.mp4` or `.gif`.
-        options: Settings; the size is that of one agent's picture.
-        agents: Policies and release strategies; the oracle if there is none.
+        path: The film, with a suffix of `RATES`.
+        agents: What acts.
+        camera: One of `CAMERAS`.
+        size: Width and height of an agent's picture in pixels, without the text around it; both even.
+        speed: Playback speed relative to real time; 4 for an episode and 1 for a release when None.
+        release: Number of a target: only its placement is filmed, by a camera that stands still at its goal.
 
-    Returns:
-        A log for each agent, None where the film ended before the episode.
+    Raises:
+        PerdureError: For values that make no film, or if an agent does not release the target.
     """
     check_film(path)
-    options, rate = options or FilmOptions(), RATES[path.suffix.lower()]
-    executor, agents = replace(options.executor, settle_steps=AFTERWARDS), agents or [_oracle(episode)]
-    recordings: list[tuple[list[Frame], EpisodeLog | None]] = []
+    lookup(CAMERAS, camera, "camera")
+    speed = speed if speed is not None else 4.0 if release is None else 1.0
+    if not (speed > 0.0 and math.isfinite(speed)):
+        raise PerdureError(f"the speed of a film must be above 0, not {speed}")
+    if any(side % 2 for side in size):
+        raise PerdureError(f"width and height of a film must be even, not {size[0]} x {size[1]}")
+    if release is not None and not 0 <= release < len(episode.goals):
+        raise PerdureError(f"release must be a target from 0 to {len(episode.goals) - 1}, not {release}")
+    logs: list[EpisodeLog] = []
+    rate, pace = RATES[path.suffix.lower()], f"{speed:g} x real time" if speed != 1.0 else "real time"
 
     def pictures() -> Iterator[Picture]:
-        with Studio(render_scene(episode, options.executor.eval_seed), options.size) as studio:
-            recordings.extend(record(episode, agent, executor, options.seconds) for agent in agents)
-            stride = CONTROL_HZ * options.speed / rate
-            length = max(len(frames) for frames, _ in recordings)
+        with Studio(render_scene(episode, 0), size) as studio:
+            recordings = [record(episode, agent) for agent in agents]
+            logs.extend(log for _, log in recordings)
+            takes, shot, marks = [frames for frames, _ in recordings], None, goal_marks(episode)
+            if release is not None:
+                takes, marks = [_around_release(*each, release) for each in recordings], (marks[release],)
+                states, goal = [take[BEFORE].state for take in takes], np.array([marks[0].goal] * 2)
+                shot = Follower(studio.simulator).fixed(states, [goal] * len(states), release)[0]
+            elif camera in ("doll_house", "plan"):
+                ways = np.concatenate([log.history.base[:, :2] for log in logs if log.history is not None])
+                shot = overview(episode.apartment(), camera, size, np.concatenate([ways - MARGIN, ways + MARGIN]))
+            stride = CONTROL_HZ * speed / rate
+            length = max(len(frames) for frames in takes)
             steps = [max(0, math.ceil(k * stride - 1e-9) - 1) for k in range(int(length / stride + 1e-9) + 1)]
-            panels = [
-                _panel(studio, episode, options, agent, frames, steps, 1.0 / rate)
-                for agent, (frames, _) in zip(agents, recordings, strict=True)
-            ]
-            for row in zip(*panels, strict=True):
+
+            def panel(agent: Agent, frames: Sequence[Frame]) -> Iterator[Picture]:
+                follower, ended = Follower(studio.simulator), False
+                for step in steps:
+                    if not ended:  # then its last picture stays
+                        ended, frame = step >= len(frames), frames[min(step, len(frames) - 1)]
+                        put(studio.simulator, frame.state)
+                        view: str | Shot = shot or camera
+                        if view == "follow":
+                            view = follower.shot(frame.focus, frame.focused, 1.0 / rate)
+                        title, below = f"{agent.title}{' (ended)' if ended else ''}", f"{agent.caption}; {pace}"
+                        above = [(TITLE, [(title, INK)]), (SMALL, [(below, GRAY)])]
+                        picture = annotate(studio.take(view, marks, frame.path), above, frame.caption)
+                    yield picture
+
+            for row in zip(*map(panel, agents, takes), strict=True):
                 yield tile(row, len(row))
 
     write_film(pictures(), path, rate)
-    return [log for _, log in recordings]
+    return logs
 
 
-def _oracle(episode: Episode) -> Agent:
-    return replace(make_agent(episode.task, "rl", UNTRAINED, dict.fromkeys(SKILLS, ORACLE)), title="")
-
-
-def _panel(
-    studio: Studio,
-    episode: Episode,
-    options: FilmOptions,
-    agent: Agent,
-    frames: Sequence[Frame],
-    steps: Sequence[int],
-    seconds: float,
-) -> Iterator[Picture]:
-    """Yield the pictures of one agent at some steps, `seconds` apart on the screen; the last one stays."""
-    marks, follower = goal_marks(episode), Follower(studio.simulator)
-
-    def draw(frame: Frame, ended: bool) -> Picture:
-        put(studio.simulator, frame.state)
-        camera: str | Shot = options.camera
-        if camera == "follow":
-            camera = follower.shot(frame.focus, frame.focused, 0.0 if ended else seconds)
-        return annotate(studio.take(camera, marks), agent.rows(ended), frame.caption.rows(options.speed))
-
-    yield from (draw(frames[step], ended=False) for step in steps if step < len(frames))
-    if over := sum(step >= len(frames) for step in steps):
-        yield from repeat(draw(frames[-1], ended=True), over)
+def _around_release(frames: Sequence[Frame], log: EpisodeLog, target: int) -> list[Frame]:
+    """Return the frames around the placement of a target, with the path of the object; PerdureError without one."""
+    release = placement(log, target)
+    if log.history is None or release is None:
+        raise PerdureError(f"target {target} is never released in {log.name}")
+    goal, kind, color = np.array(log.targets[target].goal), short_name(log.targets[target].kind), COLORS[target]
+    path: list[tuple[FloatArray, Color]] = []
+    shown = []
+    for step in range(release.step - BEFORE, release.step + AFTERWARDS + 1):
+        now, held = min(max(step, 0), log.length - 1), step <= release.step  # the last state waits
+        place = log.history.facts.object_positions[now, target]
+        path.append((place, GRAY if held else color))
+        words, clock = f"{kind} in the hand", f"{abs(step - release.step) / CONTROL_HZ:.1f} s"
+        if not held:
+            words = f"released at {release.object_speed:.2f} m/s, {np.linalg.norm(place - goal):.2f} m from its goal"
+        said = caption(words, f"{clock} {'before' if held else 'after'} the release")
+        shown.append(replace(frames[now], caption=said, path=tuple(path)))
+    return shown
 
 
 def serve_episode(
-    episode: Episode, port: int = 8080, speed: float = 1.0, seed: int = 0, report: Callable[[str], None] = print
+    episode: Episode,
+    agents: Sequence[Agent],
+    port: int = 8080,
+    speed: float = 1.0,
+    report: Callable[[str], None] = print,
 ) -> None:
-    """Show the oracle in an episode, over and over, on a page served by this machine.
+    """Show an episode on a page served by this machine, one agent after the other, over and over.
 
     Args:
         episode: The episode.
+        agents: What acts.
         port: Port of the server.
         speed: Playback speed relative to real time.
-        seed: Evaluation seed: draws the robot's start pose.
-        report: Called with the address, and with each new step of the plan.
+        report: Called with the address, each agent, and each new step of the plan.
 
     Raises:
         PerdureError: If mjviser is not installed or the speed is not positive.
@@ -314,12 +271,12 @@ def serve_episode(
     server: Any = viser.ViserServer(port=port, verbose=False)
     report(f"http://localhost:{server.get_port()}")
     try:
-        while True:
+        for agent in cycle(agents):
             server.scene.reset()
-            simulator = render_scene(episode, seed)
+            simulator = render_scene(episode, 0)
             scene = mjviser.ViserMujocoScene(server, simulator.model, num_envs=1)
-            options = ExecutorOptions(eval_seed=seed, settle_steps=AFTERWARDS)
-            record(episode, _oracle(episode), options, show=_player(simulator, scene, speed, report))
+            report(agent.caption)
+            record(episode, agent, _player(simulator, scene, speed, report))
     finally:
         server.stop()
 
@@ -332,9 +289,9 @@ def _player(simulator: Simulator, scene: Any, speed: float, report: Callable[[st
         nonlocal words
         put(simulator, frame.state)
         scene.update_from_mjdata(simulator.data)
-        if frame.caption.words != words:
-            words = frame.caption.words
-            report(f"{frame.caption.seconds:6.1f} s  {words}")
-        time.sleep(max(0.0, began + frame.caption.seconds / speed - time.monotonic()))
+        if frame.words != words:
+            words = frame.words
+            report(f"{frame.seconds:6.1f} s  {words}")
+        time.sleep(max(0.0, began + frame.seconds / speed - time.monotonic()))
 
     return show

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 
 from perdure.errors import PerdureError, lookup
-from perdure.film import Picture, Renderer
+from perdure.film import Color, Picture, Renderer, write_labels
 from perdure.home.sim.apartments import cut_away
 from perdure.home.sim.arrays import FloatArray, Vec3
 from perdure.home.sim.objects import short_name
@@ -39,16 +39,22 @@ DOLL_HOUSE_ELEVATION = 52.0
 """How far the doll's house is looked down at in [deg]."""
 LOW_WALL = 1.0
 """Height in [m] up to which a picture of the whole apartment shows its walls in any case."""
-PIN = 0.35
-"""Length of the pin over an object in [m]."""
-COLORS = ((0.10, 0.42, 0.86), (0.86, 0.16, 0.46), (0.10, 0.60, 0.28), (0.93, 0.50, 0.08), (0.47, 0.30, 0.80))
-"""One for each target, red, green and blue in [0, 1]."""
+PIN, PIN_GAP = 0.35, 0.13
+"""Length of the pin over an object, and its distance from the object's middle, in [m]; no pin where a path is drawn."""
+COLORS = ((25, 107, 219), (219, 41, 117), (25, 153, 71), (237, 128, 20), (120, 77, 204))
+"""One for each target."""
+PATH_RADIUS = 0.005
+"""Of the line that an object leaves, in [m]."""
+UP = np.array([0.0, 0.0, 1.0])
+Line = Sequence[tuple[FloatArray, Color]]
 
-AZIMUTHS = np.arange(24) * (np.pi / 12.0)
-DIRECTIONS = np.array(list(product(AZIMUTHS, np.radians([24.0, 36.0, 50.0]))))
-"""Azimuths and elevations that `follow` tries, in [rad]: where the camera is, seen from what it looks at."""
+DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([12.0, 24.0, 36.0, 50.0, 65.0]))))
+"""Azimuths and elevations that are tried, in [rad]: where the camera is, seen from what it looks at."""
+USUAL_ELEVATION = np.radians(36.0)
 CLOSE, FAR = 2.9, 4.6
 """Distances of the following camera in [m], with the target at the robot and with the target far away."""
+NEAREST, ZOOM = 1.3, 1.7
+"""Other cameras are NEAREST + ZOOM * (distance of the two things they look at) away, FAR at most, in [m]."""
 REACH = 2.4
 """A target farther from the robot than this in [m] is driven to: the camera stays with the robot."""
 STAY = 1.5
@@ -86,7 +92,7 @@ class Mark:
     label: str
     goal: Vec3
     """Goal position in the room in [m]."""
-    color: Vec3
+    color: Color
     number: int
     """Of the object in the scene."""
 
@@ -109,6 +115,13 @@ class Shot:
     up: Vec3 = (0.0, 0.0, 1.0)
     """Upward direction in the picture; north for a camera that looks straight down."""
 
+    def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
+        """Return where points (n, 3) are in a picture, from -1 (left, bottom) to 1; nan behind it. Shape (n, 2)."""
+        right, up, depth = self.axes @ (points - self.eye).T
+        tangents = np.tan(np.radians(0.5 * FOVY)) * np.array([size[0] / size[1], 1.0])
+        seen: FloatArray = np.stack([right, up], axis=1) / tangents / np.where(depth > 0.0, depth, np.nan)[:, None]
+        return seen
+
     @property
     def axes(self) -> FloatArray:
         """Rows: right, up and forward of the picture in the room. Shape (3, 3)."""
@@ -118,9 +131,9 @@ class Shot:
         return np.stack([right, np.cross(right, forward), forward])
 
 
-def whole_apartment(apartment: Apartment, camera: str, size: tuple[int, int]) -> Shot:
-    """Return the camera `doll_house` or `plan`, as near as the whole apartment fits into the picture."""
-    corners, up = np.array(apartment.room), (0.0, 0.0, 1.0)
+def overview(apartment: Apartment, camera: str, size: tuple[int, int], corners: FloatArray | None = None) -> Shot:
+    """Return the camera `doll_house` or `plan`, as near as corners (n, 2), or the whole apartment, fit into it."""
+    corners, up = np.array(apartment.room) if corners is None else corners, (0.0, 0.0, 1.0)
     points = np.concatenate([np.c_[corners, np.full(len(corners), z)] for z in (0.0, LOW_WALL)])
     if camera == "plan":
         backward, up = np.array([0.0, 0.0, 1.0]), (0.0, 1.0, 0.0)
@@ -130,11 +143,10 @@ def whole_apartment(apartment: Apartment, camera: str, size: tuple[int, int]) ->
     target, distance = np.array([*(0.5 * (corners.min(axis=0) + corners.max(axis=0))), 0.0]), 30.0
     tangents = np.tan(np.radians(0.5 * FOVY)) * np.array([size[0] / size[1], 1.0])
     for _ in range(8):
-        axes = Shot(target + distance * backward, target, up).axes
-        right, upward, depth = axes @ (points - target).T
-        seen = np.stack([right, upward], axis=1) / tangents / (distance + depth[:, None])
+        shot = Shot(target + distance * backward, target, up)
+        seen = shot.project(points, size)
         low, high = seen.min(axis=0), seen.max(axis=0)
-        target = target + 0.5 * distance * (low + high) * tangents @ axes[:2]
+        target = target + 0.5 * distance * (low + high) * tangents @ shot.axes[:2]
         distance *= 0.5 * float(np.max(high - low)) / 0.95
     return Shot(target + distance * backward, target, up)
 
@@ -169,12 +181,13 @@ class Studio(Renderer):
         self.options.geomgroup[:] = SEEN
         self.options.sitegroup[:] = 0
 
-    def take(self, camera: str | Shot, marks: Sequence[Mark] = ()) -> Picture:
+    def take(self, camera: str | Shot, marks: Sequence[Mark] = (), path: Line = ()) -> Picture:
         """Return a picture of the simulator as it is now.
 
         Args:
             camera: One of `CAMERAS`, or a shot of one's own.
             marks: Targets and goals to show.
+            path: Points (3,) of a line, each with the color of the line to it.
         """
         m = self._mujoco
         made, apartment = m.MjvCamera(), self.simulator.scene.apartment
@@ -185,18 +198,28 @@ class Studio(Renderer):
         else:
             if camera == "follow":
                 camera = Follower(self.simulator).shot()
-            shot = camera if isinstance(camera, Shot) else whole_apartment(apartment, camera, self.size)
+            camera = camera if isinstance(camera, Shot) else overview(apartment, camera, self.size)
             self.model.geom_rgba[:] = self._colors
-            cut_away(self.model, apartment, shot.eye)
-            _, up, forward = shot.axes
+            cut_away(self.model, apartment, camera.eye)
+            _, up, forward = camera.axes
             level = up if abs(forward[2]) > 0.9999 else forward
             made.type = m.mjtCamera.mjCAMERA_FREE
             made.azimuth = np.degrees(np.arctan2(level[1], level[0]))
             made.elevation = np.degrees(np.arcsin(np.clip(forward[2], -1.0, 1.0)))
-            made.distance, made.lookat[:] = np.linalg.norm(shot.target - shot.eye), shot.target
-        return self.draw(self.simulator.data, made, lambda: self._decorate(marks))
+            made.distance, made.lookat[:] = np.linalg.norm(camera.target - camera.eye), camera.target
+        picture, labels = self.draw(self.simulator.data, made, lambda: self._decorate(marks, path)), []
+        if isinstance(camera, str):  # the robot's own
+            return picture
+        for mark in marks:
+            goal, place = np.array(mark.goal), self.simulator.object(mark.number)[0][:3]
+            tops = {} if path else {mark.label: place + (PIN_GAP + PIN) * UP}
+            if path or np.linalg.norm(place - goal) > AT:
+                tops[f"goal: {mark.label}"] = goal + AT * UP
+            at = 0.5 * (1.0 + camera.project(np.array([*tops.values()]), self.size) * (1.0, -1.0)) * self.size
+            labels += [(x, y, text, mark.color) for text, (x, y) in zip(tops, at.tolist(), strict=True)]
+        return write_labels(picture, labels)
 
-    def _decorate(self, marks: Sequence[Mark]) -> None:
+    def _decorate(self, marks: Sequence[Mark], path: Line) -> None:
         scene, geoms = self.scene, self._mujoco.mjtGeom
         for direction in FILL[: len(scene.lights) - scene.nlight]:
             light = scene.lights[scene.nlight]
@@ -205,21 +228,22 @@ class Studio(Renderer):
             light.ambient[:], light.diffuse[:], light.specular[:] = 0.0, FILL_STRENGTH, 0.0
             scene.nlight += 1
         for mark in marks:
-            goal, place = np.array(mark.goal), self.simulator.object(mark.number)[0][:3]
-            pin = place + np.array([0.0, 0.0, 0.13 + PIN])
-            self._add(geoms.mjGEOM_SPHERE, (AT,) * 3, goal, mark.color, 0.32, f"goal: {mark.label}")
+            goal, pin = np.array(mark.goal), self.simulator.object(mark.number)[0][:3] + (PIN_GAP + PIN) * UP
+            self._add(geoms.mjGEOM_SPHERE, (AT,) * 3, goal, mark.color, 0.2 if path else 0.32)
             self._add(geoms.mjGEOM_SPHERE, (0.018,) * 3, goal, mark.color, 1.0)
-            self._add(geoms.mjGEOM_ARROW, (0.012, 0.012, PIN), pin, mark.color, 0.95, mark.label)
+            if not path:
+                self._add(geoms.mjGEOM_ARROW, (0.012, 0.012, PIN), pin, mark.color, 0.95)
+        for (start, _), (end, color) in pairwise(path):
+            line = self._add(geoms.mjGEOM_CAPSULE, (1.0,) * 3, start, color, 1.0)
+            self._mujoco.mjv_connector(line, geoms.mjGEOM_CAPSULE, PATH_RADIUS, start, end)
 
-    def _add(self, kind: Any, size: Vec3, place: FloatArray, color: Vec3, alpha: float, label: str = "") -> None:
-        """Add a geom with its z-axis down; inside a goal's ball, an object counts as at its goal."""
-        if self.scene.ngeom < self.scene.maxgeom:
-            geom = self.scene.geoms[self.scene.ngeom]
-            rgba, down = np.array([*color, alpha], dtype=np.float32), np.diag([1.0, -1.0, -1.0]).ravel()
-            self._mujoco.mjv_initGeom(geom, kind, np.array(size), place, down, rgba)
-            geom.category, geom.label = self._mujoco.mjtCatBit.mjCAT_DECOR, label
-            geom.emission, geom.specular = 0.35, 0.0
-            self.scene.ngeom += 1
+    def _add(self, kind: Any, size: Vec3, place: FloatArray, color: Color, alpha: float) -> Any:
+        """Add a geom with its z-axis down and return it; inside a goal's ball, an object counts as at its goal."""
+        geom, rgba = self.scene.geoms[self.scene.ngeom], np.array([*np.divide(color, 255.0), alpha], dtype=np.float32)
+        self._mujoco.mjv_initGeom(geom, kind, np.array(size), place, np.diag([1.0, -1.0, -1.0]).ravel(), rgba)
+        geom.category, geom.emission, geom.specular = self._mujoco.mjtCatBit.mjCAT_DECOR, 0.35, 0.0
+        self.scene.ngeom += 1
+        return geom
 
 
 class Follower:
@@ -234,9 +258,8 @@ class Follower:
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
         self._wanted, self._age = np.zeros(2), np.inf
-        partitions = (wall for wall in simulator.scene.apartment.walls if wall.name.startswith("partition"))
-        names = [f"{wall.name}/{solid.name}" for wall in partitions for solid in wall.solids]
-        self._partitions = frozenset(int(simulator.model.geom(name).id) for name in names)
+        self._model = copy(simulator.model)  # walls are cut away in this one
+        self._colors = self._model.geom_rgba.copy()
 
     def shot(self, focus: FloatArray | None = None, exclude: int = -1, seconds: float = 0.0) -> Shot:
         """Return the camera `seconds` later.
@@ -267,26 +290,40 @@ class Follower:
 
     def _best(self, middle: FloatArray, distance: float, points: Sequence[FloatArray], exclude: int) -> FloatArray:
         """Return azimuth and elevation from which most can be seen. Shape (2,)."""
-        azimuths, elevations = DIRECTIONS.T
-        eyes = [middle + distance * direction_of(*direction) for direction in DIRECTIONS]
-        scores = np.array([sum((2.0 - k) * self.sees(p, eye, exclude) for k, p in enumerate(points)) for eye in eyes])
-        scores -= 0.4 * np.abs(elevations - np.radians(34.0))
+        azimuths, scores = DIRECTIONS[:, 0], self._scores(middle, distance, points, exclude)
         scores += 0.3 * np.abs(np.sin(azimuths - self.simulator.robot[2]))  # from the side the arm is visible
         if self._now is not None:
             scores -= STAY / np.pi * np.abs((azimuths - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
         return np.asarray(DIRECTIONS[int(np.argmax(scores))])
 
+    def _scores(self, middle: FloatArray, distance: float, points: Sequence[FloatArray], exclude: int) -> FloatArray:
+        """Return how well points are seen, the first one counting most, from each of `DIRECTIONS`. Shape (n,)."""
+        eyes = [middle + distance * direction_of(*direction) for direction in DIRECTIONS]
+        seen = [sum((2.0 - k) * self.sees(p, eye, exclude) for k, p in enumerate(points)) for eye in eyes]
+        scores: FloatArray = np.array(seen) - 0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
+        return scores
+
+    def fixed(self, states: Sequence[FloatArray], pairs: Sequence[FloatArray], exclude: int) -> list[Shot]:
+        """Return a shot for each state (nq,), all from the one direction with the fewest occlusions.
+
+        Each shows two points (2, 3), the more important one first. The object of number `exclude` does not hide itself.
+        """
+        total, framings = np.zeros(len(DIRECTIONS)), []
+        for state, pair in zip(states, pairs, strict=True):
+            put(self.simulator, state)
+            framings.append((pair.mean(axis=0), min(NEAREST + ZOOM * float(np.linalg.norm(pair[0] - pair[1])), FAR)))
+            total += self._scores(*framings[-1], list(pair), exclude)
+        best = direction_of(*DIRECTIONS[int(np.argmax(total))])
+        return [Shot(middle + distance * best, middle) for middle, distance in framings]
+
     def sees(self, point: FloatArray, eye: FloatArray, exclude: int) -> float:
         """Return 1 for a free line of sight, 0.4 when only the robot blocks it, else 0. Points of shape (3,)."""
         import mujoco
 
-        model, geom, groups = self.simulator.model, np.array([-1], dtype=np.int32), np.array(SEEN, dtype=np.uint8)
+        model, geom, groups = self._model, np.array([-1], dtype=np.int32), np.array(SEEN, dtype=np.uint8)
+        model.geom_rgba[:] = self._colors
+        cut_away(model, self.simulator.scene.apartment, eye)  # a ray passes through what is invisible
         body = -1 if exclude < 0 else int(model.body(f"object_{exclude}").id)
         share = mujoco.mj_ray(model, self.simulator.data, point, eye - point, groups, 1, body, geom)
         hit = int(geom[0])
-        if hit < 0 or share >= 1.0:
-            return 1.0
-        if self.simulator.scene.robot_geoms[hit]:
-            return 0.4
-        # A ray that leaves the room crosses a wall that is cut away for this camera.
-        return float(model.geom_group[hit] == 1 and hit not in self._partitions)
+        return 1.0 if hit < 0 or share >= 1.0 else 0.4 * bool(self.simulator.scene.robot_geoms[hit])
