@@ -28,20 +28,19 @@ def cure_table(episodes: pl.DataFrame, seeds: str, baseline: pl.DataFrame | None
     rows, rng = [], np.random.default_rng(0)
     runs, base_runs = _runs(episodes), _runs(episodes if baseline is None else baseline)
     for (task, method), part in sorted(runs.group_by("task", "method")):
-        base = base_runs.filter(pl.col("task") == task, pl.col("method") == _baseline(str(method)))
-        if not len(base):
+        name, at, preset = str(method).partition("@")
+        if not len(base := base_runs.filter(task=task, method=f"ppo{at}{preset}")):
             continue
         values, of_base = (each.select("speed", "steps", "failures").to_numpy().astype(float) for each in (part, base))
         drawn = _between(values[rng.integers(len(values), size=(RESAMPLES, len(values)))])
         other = _between(of_base[rng.integers(len(of_base), size=(RESAMPLES, len(of_base)))])
         low, high = np.quantile(drawn / other, (0.025, 0.975))
-        name = str(method).partition("@")[0]
         speed = values[:, 0].mean() / of_base[:, 0].mean()
         rows.append(
             {
                 "seeds": seeds,
                 "task": task,
-                "preset": str(method).partition("@")[2] or "zoo",
+                "preset": preset or "zoo",
                 "method": METHODS.get(name, name),
                 "runs": len(part),
                 "speed": values[:, 0].mean(),
@@ -69,11 +68,6 @@ def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
         )
         .sort("task", "method", "train_seed")
     )
-
-
-def _baseline(method: str) -> str:
-    """Return discounted PPO with the same hyperparameters."""
-    return "ppo" + "".join(method.partition("@")[1:])
 
 
 def _between(runs: np.ndarray) -> np.ndarray:

@@ -62,9 +62,6 @@ REGISTERED = (
 )
 """Of training seeds 10 to 19: those of the five registered claims (results/horizon/registered.md), and `standard-1`."""
 
-PILOTED = tuple(each for each in REGISTERED if each.name == "standard-1")
-"""Of training seeds 20 to 22: candidates of a cure."""
-
 
 @dataclass(frozen=True)
 class Subject:
@@ -90,9 +87,5 @@ def subjects(robots: Sequence[str] = ROBOTS, seeds: str = "?") -> Iterator[Subje
                 yield Subject(robot, folder.name, tuple(files))
 
 
-GRIDS = {
-    1: ("", CONDITIONS, ROBOTS, "?"),
-    2: ("registered/", REGISTERED, TASKS, "1?"),
-    3: ("pilots/", PILOTED, TASKS, "2?"),
-}
-"""Phase to the start of its units' keys, conditions, tasks, and pattern of training seeds."""
+GRIDS = {1: (CONDITIONS, ROBOTS, "?"), 2: (REGISTERED, TASKS, "1?"), 3: (REGISTERED[2:3], TASKS, "2?")}
+"""Phase to conditions, tasks, and pattern of training seeds."""

@@ -48,7 +48,7 @@ def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
 
 def _cells(phase: int) -> Iterator[tuple[str, Condition, Subject]]:
     """Yield the key of each cell of a phase's grid, and the cell."""
-    folder, conditions, robots, seeds = GRIDS[phase]
+    (conditions, robots, seeds), folder = GRIDS[phase], "" if phase == 1 else f"{Path(PHASES[phase]).stem}/"
     for condition, subject in product(conditions, list(subjects(robots, seeds))):
         if not condition.world or condition.world.startswith(f"gymnasium:{subject.task[:-1]}"):
             name = condition.name.replace(" ", "-")
@@ -128,10 +128,8 @@ def analyze(scale: str, out: Path) -> list[Path]:
     if (out / FRESH).is_file():
         fresh = read_parquet_file(out / FRESH)
         tables["claims"] = claims_table(fresh)
-        found = [tables["cure"], cure_table(fresh, "10 to 19")]
-        if (out / PILOTS).is_file():
-            found.append(cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh))
-        tables["cure"] = pl.concat(found, how="diagonal")
+        pilots = [cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh)] if (out / PILOTS).is_file() else []
+        tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19"), *pilots], how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
     figures = list(draw_figures(tables))
     save(figures, out / "figures", ("svg",))

@@ -28,6 +28,7 @@ METHODS = {
     "linear-random": "linear time-to-go, random horizon",
     "linear": "linear time-to-go",
     "ppo-average-reward": "average-reward PPO",
+    "ppo-average-reward+action_noise-0.1": "average-reward PPO, trained under noise",
     "ppo-undiscounted": "undiscounted PPO",
     "ppo-gamma-0.999": "PPO, discount 0.999",
     "random-horizon": "random horizon, no time-to-go",
@@ -185,7 +186,7 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     ).pivot("verdict", index=("new condition", "in standard-1", "runs that fail"), values="cell")
     found = {"left": main, "foresight": cells}
     if "cure" in tables:
-        rare = tables["cure"].filter(MAIN, pl.col("low") > 1, pl.col("speed against PPO") > 0.5)
+        rare = tables["cure"].filter(MAIN, pl.col("low") > 1, pl.col("speed against PPO") > 0.5, pl.col("runs") > 2)
         ratio = pl.format("{} [{}, {}]", *(pl.col(name).round(1) for name in ("ratio to PPO", "low", "high")))
         found["cure"] = rare.select(
             *("seeds", "task", "method", "runs", "failures", pl.col("steps between failures").cast(pl.Int64)),

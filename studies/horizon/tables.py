@@ -33,10 +33,12 @@ METHODS = {
     "linear-random": "linear time-to-go, random horizon",
     "geometric-discounted": "geometric time-to-go with PPO's gamma",
     "ppo-gamma-0.999": "PPO, discount 0.999",
+    "ppo-average-reward+action_noise-0.1": "average-reward PPO, trained under noise",
 }
 """In words. The first eight are in the order of the theme's styles; others share the last one's."""
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
-FRESH = ("ppo", "ppo-gamma-0.999", "geometric-discounted", "geometric")
+NOISY = "ppo-average-reward+action_noise-0.1"
+FRESH = ("ppo", "ppo-gamma-0.999", "geometric-discounted", "geometric", "ppo-average-reward", NOISY)
 SHARE = "working share"
 FRESH_COLUMNS = {
     **{"calm": (CALM, "score"), "noise": (NOISE, SHARE), "pushes": (PUSHES, SHARE)},
@@ -138,9 +140,10 @@ def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
 
 
 def _fresh_rows() -> Iterator[dict[str, str]]:
-    """Yield what the fresh training runs of each method of the registered claims do on each task."""
+    """Yield what ten fresh training runs of a method do on a task, for all that there are."""
     runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet"))
-    for task, method in product((name.partition("@")[0] for name in REGISTERED_TASKS), FRESH):
+    tasks, there = (name.partition("@")[0] for name in REGISTERED_TASKS), set(runs["task", "method"].iter_rows())
+    for task, method in filter(there.__contains__, product(tasks, FRESH)):
         row = {"task": task, "method": METHODS[method]}
         for name, (condition, measure) in FRESH_COLUMNS.items():
             values = runs.filter(task=task, method=method, condition=condition)[measure]

@@ -116,11 +116,13 @@ LABELS = {
     "Hopper-v3/geometric-zoo": "never worked: it stands still and lives on the alive bonus",
     "Hopper-v3/linear-random": "fails silently under constant:500, calm and disturbed: it stands still after 200 steps",
     "Hopper-v3/ppo": "holds when calm; falls when disturbed, half of its episodes by step 300",
+    "Hopper-v3/ppo-average-reward": "holds, calm and disturbed, as fast as plain PPO; trained under action noise",
     "Hopper-v3/ppo-falls": "falls, half of its calm episodes by step 10,000, disturbed by step 400",
     "Hopper-v3/ppo-zoo": "never worked: it stands still and lives on the alive bonus",
     "Swimmer-v3/geometric": "holds under constant:500, calm and disturbed",
     "Walker2d-v3/geometric": "holds under constant:500 when calm; falls in most episodes when disturbed",
     "Walker2d-v3/geometric-fixed": "holds under constant:500, calm and disturbed",
+    "Walker2d-v3/ppo-average-reward": "holds, calm and disturbed, as fast as plain PPO",
     "Walker2d-v3/ppo": "falls, half of its calm episodes by step 4,000, disturbed by step 400",
 }
 """Outcomes of the shipped locomotion policies after 100,000 calm steps, judged by `perdure extrapolate` from the start
