@@ -249,7 +249,7 @@ def test_captions_say_who_acts():
     assert "learned: " in mixed.caption
     assert "oracle" in mixed.caption
     assert agent("stop", {}).caption == "stop: learned policies act in every skill"
-    assert mixed.title == "stops, lowers the hand by 5 cm, opens it"
+    assert mixed.title == "stop, lower 5 cm"
     waiting = agent("delta-50", {"place": "oracle"}, planner="closed")
     assert "50 steps, planned again after each skill" in waiting.title
 

@@ -418,7 +418,7 @@ def watch(
         until_failure: Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s.
         beside: A second clock, such as constant:500, from the same start state: two films side by side.
         disturb: What disturbs the episode, such as push:0.5. Without --beside, a calm episode is shown beside it.
-        out: The film: .mp4 or .gif.
+        out: The film: .mp4, .gif or .webp.
         steps: Steps of each episode, unless it ends earlier.
         eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: First start state.

@@ -147,7 +147,7 @@ def watch(
 
     Args:
         policy: The policy.
-        out: The film, .mp4 or .gif.
+        out: The film, .mp4, .gif or .webp.
         clock: Clock of the policy; None: its own clock.
         beside: A second clock, from the same start state, over the same steps.
         disturb: What the episode meets, such as push:0.5. A calm episode is shown beside it, unless there is `beside`.
