@@ -14,6 +14,8 @@ from studies.disturbance.grid import CONDITIONS, subjects
 from studies.disturbance.study import ROWS, collect, plan
 from studies.disturbance.tables import all_tables, auc
 
+RESULTS = Path(__file__).parents[3] / "results" / "disturbance"
+
 STEPS = 10_000
 
 
@@ -118,3 +120,22 @@ def test_cure_compares_steps_between_failures_with_those_of_ppo() -> None:
     assert geometric["low"] > 3.0
     assert geometric["speed against PPO"] == pytest.approx(0.9)
     assert (ppo["reaches the goal"], geometric["reaches the goal"]) == ("no", "yes")
+
+
+def test_what_the_page_says_of_the_cure_is_in_its_table():
+    rows = pl.read_csv(RESULTS / "tables" / "cure.csv")
+
+    def ratio(seeds, task, method):
+        (row,) = rows.filter(seeds=seeds, task=f"{task}-v3", preset="cleanrl", method=method).to_dicts()
+        return row
+
+    cured = ratio("10 to 19", "Hopper", "average-reward PPO, trained under noise")
+    walking = ratio("10 to 19", "Walker2d", "average-reward PPO")
+    alone = ratio("0 to 9", "Hopper", "average-reward PPO"), ratio("20 to 22", "Hopper", "ppo+action_noise-0.1")
+    page = " ".join((RESULTS / "README.md").read_text(encoding="utf-8").split())
+    assert (cured["reaches the goal"], walking["reaches the goal"]) == ("yes", "no")
+    assert f"fails {cured['ratio to PPO']:.0f} [{cured['low']:.0f}, {cured['high']:.0f}] times as rarely" in page
+    assert f"at {cured['speed against PPO']:.2f} of its speed" in page
+    assert f"fail {walking['ratio to PPO']:.1f} [{walking['low']:.1f}, {walking['high']:.1f}] times as rarely" in page
+    assert "{:.1f} and {:.1f} times".format(*(each["ratio to PPO"] for each in alone)) in page
+    assert (alone[0]["runs"], alone[1]["runs"]) == (3, 1)
