@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
 LASTING = ("counted, did not last", "of these the last object")
 FINAL = ("final state", "of these policies alone")
-RELEASES = {"rl": "policy alone", "stop": "stop", "ik": "stop, lower 5 cm", "guarded": "stop, lower to contact"}
+RELEASES = {"rl": "policy alone", "stop": "stop first", "ik": "stop, lower 5 cm", "guarded": "stop, lower to contact"}
 WORLDS = {
     "drag": "drag only",
     "hull-apple": "apple a convex hull",
