@@ -68,7 +68,7 @@ class Target:
     container: Annotated[str, Column('where it starts: "drawer", "fridge" or ""', Choice(CONTAINERS))]
     goal: Annotated[
         Vec3,
-        Column("goal of its middle, at rest and upright", _PLACE, "m", tuple(f"goal_{name}" for name in _XYZ)),
+        Column("goal of its middle, at rest and upright", _PLACE, "m", ("goal_x", "goal_y", "goal_z")),
     ]
 
 
@@ -123,7 +123,7 @@ class Track:
     up: Annotated[FloatArray, Column("height of its own z axis: 1 upright, 0 lying", _UNIT, narrow=True)]
     """Shape (n,)."""
     gripper: Annotated[
-        FloatArray, Column("gripper point", _PLACE, "m", tuple(f"gripper_{name}" for name in _XYZ), narrow=True)
+        FloatArray, Column("gripper point", _PLACE, "m", ("gripper_x", "gripper_y", "gripper_z"), narrow=True)
     ]
     """Shape (n, 3)."""
     base: Annotated[
