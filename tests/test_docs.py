@@ -165,15 +165,11 @@ def dead_links(folder):
                 yield f"{where} -> {link}"
 
 
-def test_sphinx_can_read_every_module(tmp_path):
+def test_sphinx_can_read_every_module():
     """It refuses a generator in an annotation, which Python and the type checker take."""
     reader = pytest.importorskip("sphinx.pycode").ModuleAnalyzer
-    refused = tmp_path / "refused.py"
     for path in sorted((ROOT / "src").rglob("*.py")):
         reader.for_file(path, ".".join(path.relative_to(ROOT / "src").with_suffix("").parts)).analyze()
-    refused.write_text("from typing import Annotated\n\nx: Annotated[int, tuple(name for name in (1, 2))] = 1\n")
-    with pytest.raises(Exception, match="Unable to parse GeneratorExp"):
-        reader.for_file(refused, "refused").analyze()
 
 
 @pytest.fixture(scope="module")

@@ -40,9 +40,9 @@ SMALLEST_FONT = 7
 GAP = 8
 """Pixels between two pictures side by side; even, as films need it."""
 SUPERSAMPLING = 2
-"""Pictures are drawn as many times wider and higher, and averaged: on a processor faster than samples of OpenGL."""
+"""Pictures are drawn as many times wider and higher, and averaged: samples of OpenGL leave edges of shadows rough."""
 SUFFIXES = (".mp4", ".gif", ".webp")
-"""A WebP is a fourth of a GIF in bytes, and pages on GitHub show it, unlike an MP4."""
+"""A WebP is smaller than a GIF, and pages on GitHub show it, unlike an MP4."""
 WEBP = {"quality": 40, "minimize_size": True, "method": 4}
 OFF = ("disable", "disabled", "off", "false", "0")
 """Values of MUJOCO_GL that switch rendering off."""
@@ -52,7 +52,8 @@ def check_film(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
     """Raise PerdureError for a file that exists or has none of these suffixes, or without imageio-ffmpeg and Pillow."""
     if path.suffix.lower() not in suffixes:
         kind = "a film" if ".mp4" in suffixes else "a picture"
-        raise PerdureError(f"{kind} is written as {' or '.join(suffixes)}, not as {path.name}")
+        known = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        raise PerdureError(f"{kind} is written as {known}, not as {path.name}")
     needed = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
     missing = [name for module, name in needed.items() if not find_spec(module)]
     if missing:

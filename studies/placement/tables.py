@@ -180,11 +180,6 @@ def share(row: Mapping[str, Any] | None, way: Counting = "stabilizing") -> str:
     return "" if row is None else interval_text({**row, f"{way} standard_error": None}, way, digits=0)
 
 
-def _points(row: Mapping[str, Any], what: str) -> str:
-    middle, low, high = (f"{100 * row[f'{what} {name}']:.1f}" for name in BOUNDS)
-    return f"{middle} [{low}, {high}]"
-
-
 def _table(rows: Iterable[Mapping[str, str]]) -> pl.DataFrame:
     return pl.DataFrame(list(rows))
 
@@ -211,20 +206,6 @@ def strategy_table(tables: Tables) -> pl.DataFrame:
     return _table(rows)
 
 
-def difference_table(tables: Tables) -> pl.DataFrame:
-    """Return the paired differences between three strategies, drag only."""
-    shown = (pl.col("first").is_in(MAIN_STRATEGIES), pl.col("second").is_in(MAIN_STRATEGIES))
-    found = tables["differences"].filter(*shown, split="eval", world="drag")
-    return _table(
-        {
-            **{"task": describe_task(row["task"]), "difference": f"`{row['second']}` - `{row['first']}`"},
-            "episodes that succeed [points]": _points(row, "episodes"),
-            "placements that stay [points]": _points(row, "placements"),
-        }
-        for row in found.sort("task", "second", "first", descending=[True, True, False]).iter_rows(named=True)
-    )
-
-
 def speed_table(tables: Tables) -> pl.DataFrame:
     """Return which share of placements stayed, one row for each interval of release speed."""
     counts, rows = tables["release-speed"], []
@@ -245,7 +226,6 @@ def speed_table(tables: Tables) -> pl.DataFrame:
 
 PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
     "strategies": strategy_table,
-    "differences": difference_table,
     "worlds": world_table,
     "release-speed": speed_table,
 }

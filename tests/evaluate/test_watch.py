@@ -153,7 +153,7 @@ def test_without_a_failure_there_is_no_film_and_no_file(policy, tmp_path):
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("film.avi", {}, "written as .mp4 or .gif or .webp, not as film.avi"),
+        ("film.avi", {}, "written as .mp4, .gif or .webp, not as film.avi"),
         ("film.mp4", {"steps": 0}, "at least 1, got 0"),
     ],
 )

@@ -151,7 +151,7 @@ def plan(task: Task) -> None:
 
 @dataclass(frozen=True)
 class Shown:
-    """An episode and who acts in it; several act side by side in a film, one after the other in a live view."""
+    """An episode and its agents, which a film shows side by side and a live view one after the other."""
 
     task: Task
     split: Split = "val"
@@ -190,7 +190,7 @@ class Shown:
         runs = read_logged(
             log_files(self.logs),
             wanted=lambda log: (
-                log.name.endswith(f"{episode.name}, evaluation seed {self.eval_seed}")
+                (log.task, log.split, log.index, log.eval_seed) == (self.task, self.split, self.index, self.eval_seed)
                 and log.train_seed in (self.train_seed, UNTRAINED)
                 and (not self.place or log.strategy.partition(" ")[0] in self.place)
             ),
@@ -401,8 +401,9 @@ def failures(
         print(f"no episode of these logs failed ({counting})")
         return
     # Errors are found before anything runs: missing policies, changed episodes, a machine that cannot render.
-    agents = [(failure.episode, failure.agent(chosen))[1] for failure in drawn]
+    agents = [failure.agent(chosen) for failure in drawn]
     for failure in drawn:
+        _ = failure.episode
         check_film(out / failure.file_name, (".png",))
     open_context(16, 16).free()
     others = 0

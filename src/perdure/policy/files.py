@@ -126,8 +126,9 @@ LABELS = {
     "Walker2d-v3/ppo": "falls, half of its calm episodes by step 4,000, disturbed by step 400",
 }
 """Outcomes of the shipped locomotion policies after 100,000 calm steps, judged by `perdure extrapolate` from the start
-states 0 to 9. Disturbed: 10,000 steps under `standard-1`, start states 3000 to 3004. Each is one training seed, chosen
-on other start states as an example of a way to hold or to fail. results/disturbance compares methods."""
+states 0 to 9. Disturbed: 10,000 steps under `standard-1`, start states 3000 to 3004; those chosen there, Hopper's and
+Walker2d's `ppo-average-reward`, 0 to 35. Each is one training seed, chosen on other start states as an example of a
+way to hold or to fail. results/disturbance compares methods."""
 
 
 def find_policy(name: str | Path) -> Path:

@@ -3,8 +3,8 @@
 Each episode has an outcome in the table; a group adds what is known of its episodes together: when they fail, how many
 failures there are per hour, and whether its start states behave as one.
 
-A task whose episodes end at the goal has verdicts of its own. In other tasks successes are counted as in
-ManiSkill-HAB: once, at the end, and the longest stay.
+Episodes that end at the goal have their own verdicts. Elsewhere successes count as in ManiSkill-HAB: whether there was
+one, whether the last step is one, and the longest stay.
 """
 
 from __future__ import annotations
