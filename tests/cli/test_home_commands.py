@@ -12,19 +12,21 @@ from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
+from perdure.home.tasks.tasks import TASKS
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
-    """Logs of two episodes under two strategies, of two steps a skill; their folder and the first protocol."""
+    """Logs of two episodes under two strategies, two steps for each of the first skills; and the first protocol."""
     folder, options = tmp_path_factory.mktemp("runs"), ExecutorOptions(settle_steps=2, scene=SceneOptions(rolling=0.0))
     oracles = dict.fromkeys(SKILLS, "oracle")
     first = EvaluationProtocol("set_table", "ik", episodes=2, policies=oracles, options=options)
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
             patch.setattr(SKILLS[skill], "step_limit", 2)
+        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=4))
         for each in (first, replace(first, place="rl", options=replace(options, planner="closed"))):
             run_protocol(each, folder)
     return folder, first

@@ -14,6 +14,7 @@ from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.files import read_logs, write_logs
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.skills import SKILLS
+from perdure.home.tasks.tasks import TASKS
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 from home_stories import good
@@ -36,6 +37,7 @@ def record(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
             patch.setattr(SKILLS[skill], "step_limit", 3)
+        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=12))
         protocol = EvaluationProtocol("set_table", "rl", episodes=1, policies=ORACLES, options=options)
         (path,) = run_protocol(protocol, tmp_path_factory.mktemp("runs"))
         yield read_logs(path)[0]

@@ -144,14 +144,11 @@ def test_finished_episodes_are_not_run_again_however_they_were_grouped(evaluatio
 
 
 def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whole, tmp_path):
-    waited = []
+    waits = threading.Event()
     with Store(tmp_path).exclusive("extrapolate"):
-        second = threading.Thread(
-            target=lambda: evaluate_files(evaluation, tmp_path, on="here", waiting=lambda: waited.append(True))
-        )
+        second = threading.Thread(target=lambda: evaluate_files(evaluation, tmp_path, on="here", waiting=waits.set))
         second.start()
-        second.join(3.0)
-        assert waited == [True]
+        assert waits.wait(60.0)
         assert second.is_alive()
         assert not (tmp_path / "episodes.parquet").exists()
     second.join()

@@ -31,7 +31,7 @@ from perdure.evaluate.watch import (
     replay,
     watch,
 )
-from perdure.film import GAP, RED, strip_height
+from perdure.film import GAP, RED, Renderer, strip_height
 from perdure.horizon import Constant
 from perdure.policy import find_policy, load_policy, save_policy
 from perdure.report import write_report
@@ -55,6 +55,8 @@ def measured_once(short_idle):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("perdure.evaluate.watch.with_reference", measure)
+        patch.setattr("perdure.evaluate.reference.EPISODES", 6)
+        patch.setattr(Renderer.__init__, "__defaults__", (256,))  # large shadows take most of the time
         yield
 
 

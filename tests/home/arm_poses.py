@@ -20,7 +20,7 @@ Reached = namedtuple("Reached", "arm ok error")
 def reach(position, start=REST_ARM, rotation=None, approach=None):
     """The first pose within 0.1 mm and 1 mrad, else the one with the smallest error."""
     position, found = np.asarray(position), []
-    for each in (start, *STARTS):
+    for each in dict.fromkeys((tuple(start), *map(tuple, STARTS))):
         begin = np.asarray(each, dtype=np.float64)
         if rotation is not None:
             arm, way, turn = kinematics.reach(position, np.asarray(rotation), begin)

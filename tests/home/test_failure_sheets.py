@@ -29,7 +29,7 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import episode_scene, start_pose
-from perdure.home.tasks.tasks import SOMETHING_ELSE
+from perdure.home.tasks.tasks import SOMETHING_ELSE, TASKS
 
 sys.path.insert(0, str(Path(__file__).parent / "evaluate" / "outcomes"))
 from home_stories import Story
@@ -169,6 +169,7 @@ def hurried(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for skill in SKILLS:
             patch.setattr(SKILLS[skill], "step_limit", 3)
+        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=12))
         protocol = EvaluationProtocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
         yield run_protocol(protocol, tmp_path_factory.mktemp("runs"))
 

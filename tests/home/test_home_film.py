@@ -21,6 +21,7 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
+from perdure.home.tasks.tasks import TASKS
 
 SIZE = (96, 64)
 ORACLES = dict.fromkeys(SKILLS, "oracle")
@@ -38,8 +39,9 @@ def episode():
 
 @pytest.fixture
 def fast(monkeypatch):
-    """A second of simulation, small shadows."""
+    """The first skills of the plan, two steps each, small shadows: planning motions takes most of the time."""
     monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)
+    monkeypatch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=8))
     for skill in SKILLS:
         monkeypatch.setattr(SKILLS[skill], "step_limit", 2)
 
@@ -81,15 +83,15 @@ def test_a_recording_is_the_trajectory_of_the_protocol(monkeypatch):
 
 @pytest.mark.parametrize("name", ["film.mp4", "film.gif", "film.webp"])
 def test_a_film_shows_every_part_of_the_episode(episode, tmp_path, fast, name):
-    """8 s a second: 1 s of the episode is 0.125 s of film, which is 3.75 pictures of an MP4 and 1.6 of the others."""
-    (log,) = filmed(episode, tmp_path / name, [agent()], size=SIZE, speed=8.0)
+    """2 s a second: 1 s of the episode is 0.5 s of film, which is 15 pictures of an MP4 and 6.25 of the others."""
+    (log,) = filmed(episode, tmp_path / name, [agent()], size=SIZE, speed=2.0)
     seconds = log.length / 30.0
     assert [path.name for path in tmp_path.iterdir()] == [name]
     if name.endswith("mp4"):
-        assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / name))[0] == int(3.75 * seconds) + 1
+        assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / name))[0] == int(15.0 * seconds) + 1
     else:
         with Image.open(tmp_path / name) as animation:
-            assert animation.n_frames == int(1.5625 * seconds) + 1
+            assert animation.n_frames == int(6.25 * seconds) + 1
 
 
 GRAYS = {"rl": (20, 60), "stop": (100, 140, 180, 220)}

@@ -28,6 +28,10 @@ CONFIG = PPOConfig(
 CONSTANT = replace(CONFIG, learning_rate_decay="none")
 
 
+compiled = jax.jit(epoch, static_argnames="config")
+"""As in training: once for each configuration."""
+
+
 def one_minibatch(config, iteration):
     keys = jax.random.split(jax.random.key(0), 5)
     params = init_params(keys[0], 3, 2, config)
@@ -40,7 +44,7 @@ def one_minibatch(config, iteration):
     )
     adam = start_adam(params)
     adam = adam._replace(count=adam.count + iteration * 2 * 4)  # two epochs of four minibatches in an iteration
-    return params, epoch(params, adam, batch, jnp.arange(config.batch_size), config)[0]
+    return params, compiled(params, adam, batch, jnp.arange(config.batch_size), config=config)[0]
 
 
 @pytest.mark.parametrize(("iteration", "share"), [(0, 0.75), (2, 0.25)])

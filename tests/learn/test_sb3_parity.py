@@ -102,20 +102,24 @@ def our_order(order):
     return jnp.asarray(step * N_ENVS + env)
 
 
-def learned(recording, settings):
-    experience = with_recorded_actions(recording, collected(recording, settings).experience)
+compiled = jax.jit(epoch, static_argnames="config")
+
+
+def learned(recording, settings, result):
+    experience = with_recorded_actions(recording, result.experience)
     ready = prepare(params_of(recording, "before"), (), experience, 0, 1, config=settings)
     params = params_of(recording, "before")
     adam = start_adam(params)
     for order in recording["orders"]:
-        params, adam, _ = epoch(params, adam, ready.batch, our_order(order), settings)
+        params, adam, _ = compiled(params, adam, ready.batch, our_order(order), config=settings)
     return ready, params
 
 
 @pytest.fixture(scope="module")
 def ours(recording):
     """Our rollout over the recording, what was learned from, and the weights after it: computed once."""
-    return collected(recording, config()), *learned(recording, config())
+    result = collected(recording, config())
+    return result, *learned(recording, config(), result)
 
 
 def test_the_recording_holds_falls_and_time_limits(recording):
@@ -157,6 +161,7 @@ def test_weights_after_one_iteration_equal_sb3s(recording, ours):
 
 def test_treating_the_limit_as_a_true_end_misses_sb3s_weights(recording):
     """Negative control: without the bootstrap of the last observation the comparison above fails by far."""
-    _, params = learned(recording, config(end="terminated"))
+    settings = config(end="terminated")
+    _, params = learned(recording, settings, collected(recording, settings))
     expected = params_of(recording, "after")
     assert max(float(jnp.abs(expected[k] - v).max()) for k, v in params.items()) > 1e-4

@@ -3,6 +3,7 @@
 Nothing of perdure or of the studies is imported. Run it as a script to see the numbers beside the committed ones.
 """
 
+from functools import cache
 from itertools import combinations
 from math import comb, sqrt
 from pathlib import Path
@@ -67,12 +68,18 @@ def values(task, method, condition, measure):
     return np.array(rates) / published
 
 
+@cache
+def splits(runs, side):
+    """Every choice of so many of the runs. Shape (choices, side)."""
+    chosen = np.array(list(combinations(range(runs), side)))
+    assert len(chosen) == comb(runs, side)
+    return chosen
+
+
 def null(left, right):
     """Differences of means under every one of the 184,756 ways to call ten of twenty runs left."""
     both = np.concatenate([left, right])
-    chosen = np.array(list(combinations(range(len(both)), len(left))))
-    assert len(chosen) == comb(len(both), len(left))
-    mine = both[chosen].sum(axis=1)
+    mine = both[splits(len(both), len(left))].sum(axis=1)
     return mine / len(left) - (both.sum() - mine) / len(right)
 
 

@@ -11,6 +11,12 @@ from studies.disturbance.claims import CALM, NOISE, PUSHES, claims_table, permut
 TASKS, METHODS = ("A", "B", "C"), ("ppo", "geometric", "geometric-discounted", "ppo-gamma-0.999")
 
 
+@pytest.fixture(autouse=True)
+def few_power_samples(monkeypatch):
+    """The power of a test decides nothing."""
+    monkeypatch.setattr("studies.disturbance.claims.POWER_SAMPLES", 2)
+
+
 def fresh_runs(life, geometric_gain=1.0):
     """A row for each episode: `life` maps (method, condition) to the share of the steps before failure."""
     rng = np.random.default_rng(1)

@@ -17,6 +17,9 @@ from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS
 
+LIMIT, MOST = 40, 450
+"""Step limits of a skill and of the task."""
+
 
 class Idle:
     """Does nothing, for ever."""
@@ -52,8 +55,12 @@ def solved(set_table):
 
 @pytest.fixture(scope="module")
 def idle(set_table):
-    """An episode without clutter in which nobody does anything."""
-    return run(Idle(), [set_table[5]], lanes=1, settle_steps=5, scene=SceneOptions(clutter=False))[5]
+    """An episode without clutter in which nobody does anything, with about a tenth of the benchmark's limits."""
+    with pytest.MonkeyPatch.context() as patch:
+        for skill in SKILLS:
+            patch.setattr(SKILLS[skill], "step_limit", LIMIT)
+        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=MOST))
+        return run(Idle(), [set_table[5]], lanes=1, settle_steps=5, scene=SceneOptions(clutter=False))[5]
 
 
 def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table, idle):
@@ -63,13 +70,13 @@ def test_the_plan_runs_to_its_end_whatever_becomes_of_it(set_table, idle):
     for done, step in zip(log.runs[:-1], plan, strict=False):
         assert (done.skill, done.target) == (step.skill, step.target)
         # Reset-arm and, with an empty hand at rest, place are over at once by their own stop rules.
-        assert done.end - done.begin == (1 if step.skill in ("reset_arm", "place") else get_skill(step.skill).limit)
+        assert done.end - done.begin == (1 if step.skill in ("reset_arm", "place") else LIMIT)
         assert done.ending == ("stopped" if step.skill in ("reset_arm", "place") else "timed out")
     assert not any(latched(log))
 
 
 def test_an_episode_ends_at_the_limit_of_its_task(set_table, idle):
-    assert idle.steps == set_table[5].home_task.max_steps
+    assert idle.steps == MOST
     assert idle.length == idle.steps + 5
     assert idle.run_at(idle.steps) is None
     assert idle.run_at(idle.steps - 1) == idle.runs[-1]

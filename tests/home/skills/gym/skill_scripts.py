@@ -1,5 +1,7 @@
 """Robots that are put where they can reach something, and simple motions for them."""
 
+from functools import cache
+
 import numpy as np
 
 from perdure.home.sim.pieces import Pose
@@ -12,16 +14,24 @@ from tests.home.arm_poses import reach
 AROUND = np.linspace(0.0, 2.0 * np.pi, 24)
 
 
+@cache
+def pose(far, height):
+    """The arm for a point so far ahead and so high; it does not depend on where the robot stands."""
+    return reach((far, 0.0, height), REST_ARM, approach=(0.6, 0.0, -0.8))
+
+
 def start_within_reach(scene, point, skill_goal, above=0.1, back=0.0, headings=AROUND, **start):
     """A start without contacts whose gripper is so far above a point of the room, and so far before it."""
     world = VectorSimulator(1)
     for heading in headings:
         for far in (0.7, 0.8, 0.6, 0.9):
             base = Pose(point[0] - far * np.cos(heading), point[1] - far * np.sin(heading), float(heading))
-            found = reach((far - back, 0.0, point[2] + above), REST_ARM, approach=(0.6, 0.0, -0.8))
+            found = pose(far - back, float(point[2] + above))
+            if not found.ok:
+                continue
             one = Start(base, found.arm, skill_goal, **start)
             put(world, 0, scene, one)
-            if found.ok and touching(world.simulator(0)) <= TOUCH:
+            if touching(world.simulator(0)) <= TOUCH:
                 return one
     raise AssertionError("nothing is within reach from anywhere")
 

@@ -1,5 +1,6 @@
 """Training episodes are made once and kept."""
 
+import numpy as np
 import pytest
 
 from perdure.errors import PerdureError
@@ -10,6 +11,16 @@ from perdure.home.skills.starts import cache_folder, train_pool
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+@pytest.fixture(autouse=True)
+def unsettled(monkeypatch):
+    """Objects stay where they are put, without the seconds of simulation that show it."""
+
+    def settle(apartment, opened, placed):
+        return tuple(placed), np.zeros(len(placed)), np.zeros(len(placed))
+
+    monkeypatch.setattr("perdure.home.tasks.generation.settle", settle)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Learned
-from perdure.home.skills import get_skill, learned_skills, train
+from perdure.home.skills import SKILLS, get_skill, learned_skills, train
 from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
 from perdure.horizon import Constant, Countdown, Geometric
 from perdure.policy import Normalizer, Policy, TaskInfo, load_policy
@@ -29,7 +29,8 @@ def policy(tmp_path_factory):
     return load_policy(path)
 
 
-def test_a_score_counts_every_episode_once(policy):
+def test_a_score_counts_every_episode_once(policy, monkeypatch):
+    monkeypatch.setattr(SKILLS["place"], "step_limit", 60)
     score = evaluate_skill(policy, "place", 12, lanes=4, task="set_table", episodes=2)
     assert len(score.success) == len(score.steps) == 12
     assert score.failures.total() == 12 - score.success.sum()
