@@ -105,7 +105,7 @@ def test_a_colon_in_a_name_is_no_protocol(tmp_path):
 def test_names_of_other_files_are_refused(tmp_path):
     with pytest.raises(PerdureError, match=r"a picture is written as \.png, not as x\.jpg"):
         save_picture(next(pictures(1)), tmp_path / "x.jpg")
-    with pytest.raises(PerdureError, match=r"a film is written as \.mp4, \.gif or \.webp, not as x\.avi"):
+    with pytest.raises(PerdureError, match=r"a film is written as \.mp4, \.gif, \.webp, not as x\.avi"):
         write_film(pictures(1), tmp_path / "x.avi", 25.0)
 
 

@@ -18,7 +18,7 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,7 @@ def check_film(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
     """Raise PerdureError for a file that exists or has none of these suffixes, or without imageio-ffmpeg and Pillow."""
     if path.suffix.lower() not in suffixes:
         kind = "a film" if ".mp4" in suffixes else "a picture"
-        known = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
-        raise PerdureError(f"{kind} is written as {known}, not as {path.name}")
+        raise PerdureError(f"{kind} is written as {', '.join(suffixes)}, not as {path.name}")
     needed = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
     missing = [name for module, name in needed.items() if not find_spec(module)]
     if missing:
@@ -98,13 +97,15 @@ def _forget_opengl() -> None:
 class Renderer:
     """Draws one model. Use it as a context manager in the thread that made it."""
 
-    def __init__(self, model: Any, size: tuple[int, int], shadows: int = 1024) -> None:
+    shadows: ClassVar[int] = 1024
+    """Size of the shadow map in texels."""
+
+    def __init__(self, model: Any, size: tuple[int, int]) -> None:
         """Open an OpenGL context.
 
         Args:
             model: A copy of the simulation's `MjModel`; its visual settings are changed.
             size: Width and height of a picture in pixels.
-            shadows: Size of the shadow map in texels.
 
         Raises:
             PerdureError: If no picture can be drawn on this machine.
@@ -114,7 +115,7 @@ class Renderer:
         self._mujoco, self.model, self.size = mujoco, model, size
         width, height = self._drawn = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        model.vis.quality.shadowsize, model.vis.quality.offsamples = shadows, 0
+        model.vis.quality.shadowsize, model.vis.quality.offsamples = self.shadows, 0
         self._context = open_context(width, height)
         self._drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)

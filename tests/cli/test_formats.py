@@ -119,7 +119,7 @@ def test_a_card_lies_beside_the_policy(command, files, tmp_path):
             ("watch", "{timed}", "--env", "Hopper-v5"),
             "--env names the environment of an ONNX model",
         ),
-        (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4, .gif or .webp, not as p.avi"),
+        (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4, .gif, .webp, not as p.avi"),
         (("watch", "{timeless}", "--beside", "constant:3"), "takes no clock"),
         (("watch", "home/set_table/place/seed-0"), "see perdure home video"),
         (("card", "{timed}", "--table", "none.parquet"), "none.parquet does not exist"),

@@ -64,7 +64,7 @@ def command(monkeypatch, capsys):
 def pictures(monkeypatch):
     """Small ones; skips where none can be drawn."""
     monkeypatch.setattr("perdure.home.failures.SIZE", (240, 160))
-    monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)
+    monkeypatch.setattr("perdure.home.pictures.Studio.shadows", 256)
     try:
         open_context(16, 16).free()
     except PerdureError:

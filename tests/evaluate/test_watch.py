@@ -31,7 +31,7 @@ from perdure.evaluate.watch import (
     replay,
     watch,
 )
-from perdure.film import GAP, RED, Renderer, strip_height
+from perdure.film import GAP, RED, strip_height
 from perdure.horizon import Constant
 from perdure.policy import find_policy, load_policy, save_policy
 from perdure.report import write_report
@@ -56,7 +56,7 @@ def measured_once(short_idle):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("perdure.evaluate.watch.with_reference", measure)
         patch.setattr("perdure.evaluate.reference.EPISODES", 6)
-        patch.setattr(Renderer.__init__, "__defaults__", (256,))  # large shadows take most of the time
+        patch.setattr("perdure.film.Renderer.shadows", 256)  # the large ones take most of the time
         yield
 
 
@@ -155,7 +155,7 @@ def test_without_a_failure_there_is_no_film_and_no_file(policy, tmp_path):
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("film.avi", {}, "written as .mp4, .gif or .webp, not as film.avi"),
+        ("film.avi", {}, "written as .mp4, .gif, .webp, not as film.avi"),
         ("film.mp4", {"steps": 0}, "at least 1, got 0"),
     ],
 )

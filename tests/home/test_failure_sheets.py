@@ -218,7 +218,7 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     """States are made up: everything as at the start, but the first target where the story has it."""
     size = (240, 160)
     monkeypatch.setattr("perdure.home.failures.SIZE", size)
-    monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)  # the large ones take most of the time
+    monkeypatch.setattr("perdure.home.pictures.Studio.shadows", 256)  # the large ones take most of the time
     replay = replay_of(rolls_away())
     write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
     (failure,) = read_logged([tmp_path / "logs.parquet"], "stabilizing")

@@ -40,7 +40,7 @@ def episode():
 @pytest.fixture
 def fast(monkeypatch):
     """The first skills of the plan, two steps each, small shadows: planning motions takes most of the time."""
-    monkeypatch.setattr("perdure.home.pictures.SHADOWS", 256)
+    monkeypatch.setattr("perdure.home.pictures.Studio.shadows", 256)
     monkeypatch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=8))
     for skill in SKILLS:
         monkeypatch.setattr(SKILLS[skill], "step_limit", 2)

@@ -21,7 +21,7 @@ def simulator(episode):
 
 @pytest.fixture
 def picture(simulator, monkeypatch):
-    monkeypatch.setattr(pictures, "SHADOWS", 256)  # the large ones take most of the time
+    monkeypatch.setattr(pictures.Studio, "shadows", 256)  # the large ones take most of the time
 
     def take(camera, size, marks=(), path=()):
         try:

@@ -26,8 +26,6 @@ CAMERAS = dict.fromkeys(("doll_house", "plan", "follow", "head", "hand"))
 LARGEST = 4096
 NEAR = 0.02
 """Near clipping distance in [m]: the head looks along the upper arm."""
-SHADOWS = 4096
-"""Size of the shadow map in texels."""
 SEEN = (1, 1, 1, 0, 0, 0)
 """Geom groups that are seen."""
 FILL = ((0.8, 0.6, -0.12), (-0.8, -0.6, -0.12), (0.6, -0.8, -0.12), (-0.6, 0.8, -0.12))
@@ -159,6 +157,8 @@ def direction_of(azimuth: float, elevation: float) -> FloatArray:
 class Studio(Renderer):
     """Takes pictures of one simulator. Use it as a context manager in the thread that made it."""
 
+    shadows = 4096
+
     def __init__(self, simulator: Simulator, size: tuple[int, int] = (900, 600)) -> None:
         """Set up lights and camera.
 
@@ -176,7 +176,7 @@ class Studio(Renderer):
         model.vis.global_.fovy = FOVY
         model.vis.map.znear = NEAR / model.stat.extent  # MuJoCo counts it in sizes of the model
         model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.14
-        super().__init__(model, size, SHADOWS)
+        super().__init__(model, size)
         self.simulator, self._colors = simulator, model.geom_rgba.copy()
         self.options.geomgroup[:] = SEEN
         self.options.sitegroup[:] = 0

@@ -5,15 +5,25 @@ from itertools import product
 import numpy as np
 import polars as pl
 import pytest
+from scipy import stats
 
-from studies.disturbance.claims import CALM, NOISE, PUSHES, claims_table, permutation_p, speed_while_working
+from studies.disturbance.claims import (
+    CALM,
+    CLAIMS,
+    NOISE,
+    PUSHES,
+    claims_table,
+    permutation_p,
+    power,
+    speed_while_working,
+)
 
 TASKS, METHODS = ("A", "B", "C"), ("ppo", "geometric", "geometric-discounted", "ppo-gamma-0.999")
 
 
 @pytest.fixture(autouse=True)
 def few_power_samples(monkeypatch):
-    """The power of a test decides nothing."""
+    """The power of a claim's test decides nothing; it has a test of its own."""
     monkeypatch.setattr("studies.disturbance.claims.POWER_SAMPLES", 2)
 
 
@@ -51,6 +61,16 @@ def test_permutation_of_two_and_two_runs_is_the_exact_share():
     assert permutation_p(pairs, np.random.default_rng(0), 20_000, two_sided=True) == pytest.approx(1 / 3, abs=0.01)
     # within strata: (1/6)^2 of the splits of two tasks
     assert permutation_p(2 * pairs, np.random.default_rng(0), 20_000) == pytest.approx(1 / 36, abs=0.005)
+
+
+@pytest.mark.parametrize("wanted", [0.05, 0.5, 0.9])
+def test_power_is_that_of_a_normal_test(monkeypatch, wanted):
+    """It is passed where difference + margin > 1.645 standard errors; new runs scatter by one standard error."""
+    monkeypatch.setattr("studies.disturbance.claims.POWER_SAMPLES", 1000)
+    claim, runs = next(each for each in CLAIMS if each.margin), stats.norm.ppf((np.arange(400) + 0.5) / 400)
+    error = np.sqrt(2 * runs.var(ddof=1) / len(runs))
+    effect = (1.645 + stats.norm.ppf(wanted)) * error - claim.margin
+    assert power([(runs + effect, runs)], claim, np.random.default_rng(0)) == pytest.approx(wanted, abs=0.03)
 
 
 def test_what_is_larger_in_every_run_is_supported():
