@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from studies.disturbance.claims import GAIN, SCALE
-from studies.disturbance.tables import METHODS
+from studies.horizon.grid import METHODS
 
 RESAMPLES = 2000
 GOALS = {"speed": 0.75, "ratio": 3.0}

@@ -11,6 +11,7 @@ from perdure.report.charts import Axis, Figure, Points, point_chart, style
 from perdure.report.estimates import HOLDING_SHARE
 from perdure.stats import FloatArray, mean_interval, median_time
 from studies.disturbance.grid import CONDITIONS, TASKS
+from studies.horizon.grid import METHODS
 
 THRESHOLDS = (0.5, 0.65, 0.75, 0.85)
 """Least score against its own training at the end of an episode that holds; 0.75 is the verdict's."""
@@ -21,19 +22,6 @@ DRAWN = ("ppo", "geometric", "ppo-average-reward", "ppo-undiscounted")
 DRAWN_UNDER = ("calm", "action noise 0.1")
 MAIN = (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah")
 """Of the settings of a task the one that is shown."""
-METHODS = {
-    "ppo": "discounted PPO",
-    "geometric": "geometric time-to-go, C = 500",
-    "geometric-fixed": "geometric, fixed horizon, C = 500",
-    "linear-random": "linear time-to-go, random horizon",
-    "linear": "linear time-to-go",
-    "ppo-average-reward": "average-reward PPO",
-    "ppo-average-reward+action_noise-0.1": "average-reward PPO, trained under noise",
-    "ppo-undiscounted": "undiscounted PPO",
-    "ppo-gamma-0.999": "PPO, discount 0.999",
-    "random-horizon": "random horizon, no time-to-go",
-}
-"""In words, in the order of the tables; other methods have their own name, after these."""
 
 
 def all_tables(episodes: pl.DataFrame) -> dict[str, pl.DataFrame]:
@@ -56,13 +44,14 @@ def all_tables(episodes: pl.DataFrame) -> dict[str, pl.DataFrame]:
 
 def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return episodes left and working share of each task, method and condition, with 95 % intervals over runs."""
-    rng, rows = np.random.default_rng(0), []
+    rows = []
     order = {name: place for place, name in enumerate([*METHODS, *sorted(set(episodes["method"]) - set(METHODS))])}
     names = [condition.name for condition in CONDITIONS]
     groups = episodes.partition_by("task", "preset", "condition", "method", as_dict=True)
     for key, part in sorted(
         groups.items(), key=lambda each: (each[0][0], each[0][1], names.index(str(each[0][2])), order[str(each[0][3])])
     ):
+        rng = np.random.default_rng(0)  # for each row anew: no interval depends on which others there are
         task, preset, condition, method = map(str, key)
         held = part.group_by("train_seed").agg(pl.col("holds").mean())
         share = mean_interval(part["left"].to_numpy().astype(float), part["train_seed"].to_numpy(), rng)
@@ -157,8 +146,8 @@ def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
         found = tables["left"].filter(MAIN, method=METHODS[method])
         mine = rows.join(found, rows.columns, "left", maintain_order="left").with_row_index().drop_nulls("left")
         middle, low, high = (mine[f"working {name}"].to_numpy() for name in ("share", "low", "high"))
-        name = METHODS[method].partition(",")[0]  # all deploy C = 500
-        series += [Points(name, mine["index"].to_list(), middle, style(place), low, high)] * bool(len(mine))
+        points = Points(METHODS[method], mine["index"].to_list(), middle, style(place), low, high)
+        series += [points] * bool(len(mine))
     labels = [f"{task.removesuffix('-v3')}, {name.removeprefix('action ')}" for task, name in rows.iter_rows()]
     chart = point_chart(labels, series, Axis("steps before failure, as a share of 10,000", low=0.0, high=1.0))
     note = "Bars: 95 % intervals over training runs (3 to 10), five start states each. Failure: as the verdict has it."

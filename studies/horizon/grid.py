@@ -22,6 +22,22 @@ PHASES = {
 }
 DEFAULT_PHASES = (1, 2, 3)
 
+METHODS = {
+    "ppo": "discounted PPO",
+    "ppo-undiscounted": "undiscounted PPO",
+    "geometric": "geometric time-to-go",
+    "linear": "linear time-to-go",
+    "ppo-average-reward": "average-reward PPO",
+    "random-horizon": "random horizon, no time-to-go",
+    "geometric-fixed": "geometric time-to-go, fixed horizon",
+    "ppo-short": "PPO, episodes of 200 steps",
+    "linear-10-workers": "linear time-to-go, ten workers",
+    "linear-random": "linear time-to-go, random horizon",
+    "geometric-discounted": "geometric time-to-go with PPO's gamma",
+    "ppo-gamma-0.999": "PPO, discount 0.999",
+    "ppo-average-reward+action_noise-0.1": "average-reward PPO, trained under noise",
+}
+"""In words, in the order of tables and styles; the ninth and later share a style. Other methods have their own name."""
 THESIS_METHODS = ("ppo", "ppo-undiscounted", "linear", "geometric")
 CONTROLS = ("random-horizon", "geometric-fixed", "linear-random", "ppo-average-reward")
 SWEPT = ("geometric", "geometric-fixed")

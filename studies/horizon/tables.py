@@ -16,26 +16,10 @@ from perdure.stats import compare_paired, compare_with
 from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
 from studies.disturbance.claims import CLAIMS as REGISTERED
 from studies.horizon.claims import Condition, decide, effect, read_claims
-from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, SWEPT, Row
+from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, METHODS, SWEPT, Row
 from studies.horizon.results import TEST, VALIDATION, Results
 
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
-METHODS = {
-    "ppo": "discounted PPO",
-    "ppo-undiscounted": "undiscounted PPO",
-    "geometric": "geometric time-to-go",
-    "linear": "linear time-to-go",
-    "ppo-average-reward": "average-reward PPO",
-    "random-horizon": "random horizon, no time-to-go",
-    "geometric-fixed": "geometric time-to-go, fixed horizon",
-    "ppo-short": "PPO, episodes of 200 steps",
-    "linear-10-workers": "linear time-to-go, ten workers",
-    "linear-random": "linear time-to-go, random horizon",
-    "geometric-discounted": "geometric time-to-go with PPO's gamma",
-    "ppo-gamma-0.999": "PPO, discount 0.999",
-    "ppo-average-reward+action_noise-0.1": "average-reward PPO, trained under noise",
-}
-"""In words. The first eight are in the order of the theme's styles; others share the last one's."""
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
 NOISY = "ppo-average-reward+action_noise-0.1"
 FRESH = ("ppo", "ppo-gamma-0.999", "geometric-discounted", "geometric", "ppo-average-reward", NOISY)

@@ -12,7 +12,7 @@ from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
-from perdure.home.tasks.tasks import TASKS
+from tests.home.limits import shorten
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 
@@ -24,9 +24,7 @@ def ran(tmp_path_factory):
     oracles = dict.fromkeys(SKILLS, "oracle")
     first = EvaluationProtocol("set_table", "ik", episodes=2, policies=oracles, options=options)
     with pytest.MonkeyPatch.context() as patch:
-        for skill in SKILLS:
-            patch.setattr(SKILLS[skill], "step_limit", 2)
-        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=4))
+        shorten(patch, 2, 4)
         for each in (first, replace(first, place="rl", options=replace(options, planner="closed"))):
             run_protocol(each, folder)
     return folder, first

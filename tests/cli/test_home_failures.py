@@ -14,7 +14,7 @@ from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.files import read_logs, write_logs
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.skills import SKILLS
-from perdure.home.tasks.tasks import TASKS
+from tests.home.limits import shorten
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
 from home_stories import good
@@ -35,9 +35,7 @@ def record(tmp_path_factory):
     """An episode that had three steps for each skill, so that the drawer stayed shut; a replay has no more."""
     options = ExecutorOptions(lanes=1, settle_steps=2)
     with pytest.MonkeyPatch.context() as patch:
-        for skill in SKILLS:
-            patch.setattr(SKILLS[skill], "step_limit", 3)
-        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=12))
+        shorten(patch, 3, 12)
         protocol = EvaluationProtocol("set_table", "rl", episodes=1, policies=ORACLES, options=options)
         (path,) = run_protocol(protocol, tmp_path_factory.mktemp("runs"))
         yield read_logs(path)[0]

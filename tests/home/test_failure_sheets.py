@@ -29,7 +29,8 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import episode_scene, start_pose
-from perdure.home.tasks.tasks import SOMETHING_ELSE, TASKS
+from perdure.home.tasks.tasks import SOMETHING_ELSE
+from tests.home.limits import shorten
 
 sys.path.insert(0, str(Path(__file__).parent / "evaluate" / "outcomes"))
 from home_stories import Story
@@ -167,9 +168,7 @@ def hurried(tmp_path_factory):
     scene = SceneOptions(physics_hz=240, rolling=0.0, apple="hull")
     options = ExecutorOptions(lanes=1, scene=scene, settle_steps=7, eval_seed=0)
     with pytest.MonkeyPatch.context() as patch:
-        for skill in SKILLS:
-            patch.setattr(SKILLS[skill], "step_limit", 3)
-        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=12))
+        shorten(patch, 3, 12)
         protocol = EvaluationProtocol("set_table", "stop", episodes=1, policies=ORACLES, options=options)
         yield run_protocol(protocol, tmp_path_factory.mktemp("runs"))
 

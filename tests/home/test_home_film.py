@@ -21,7 +21,7 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import TASKS
+from tests.home.limits import shorten
 
 SIZE = (96, 64)
 ORACLES = dict.fromkeys(SKILLS, "oracle")
@@ -39,11 +39,9 @@ def episode():
 
 @pytest.fixture
 def fast(monkeypatch):
-    """The first skills of the plan, two steps each, small shadows: planning motions takes most of the time."""
+    """Short episodes, small shadows."""
     monkeypatch.setattr("perdure.home.pictures.Studio.shadows", 256)
-    monkeypatch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=8))
-    for skill in SKILLS:
-        monkeypatch.setattr(SKILLS[skill], "step_limit", 2)
+    shorten(monkeypatch, 2, 8)
 
 
 def filmed(*arguments, **options):

@@ -46,7 +46,7 @@ def test_left_counts_episodes() -> None:
     sturdy = {run: [STEPS, STEPS] for run in range(4)} | {4: [STEPS, 1000]}
     rows = episodes("ppo@cleanrl", "calm", fragile) + episodes("geometric@cleanrl", "calm", sturdy)
     left = {row["method"]: row for row in all_tables(pl.DataFrame(rows))["left"].iter_rows(named=True)}
-    ppo, geometric = left["discounted PPO"], left["geometric time-to-go, C = 500"]
+    ppo, geometric = left["discounted PPO"], left["geometric time-to-go"]
     assert (ppo["left"], ppo["episodes"], ppo["median life"]) == (0, 10, 500.0)
     assert (geometric["left"], geometric["left share"]) == (9, pytest.approx(0.9))
     assert geometric["working share"] == pytest.approx(0.91)
@@ -113,7 +113,7 @@ def test_cure_compares_steps_between_failures_with_those_of_ppo() -> None:
         for row in episodes(method, "standard-1", lives)
     ]
     found = {row["method"]: row for row in cure_table(pl.DataFrame(rows), "0 to 4").iter_rows(named=True)}
-    ppo, geometric = found["discounted PPO"], found["geometric time-to-go, C = 500"]
+    ppo, geometric = found["discounted PPO"], found["geometric time-to-go"]
     assert (ppo["failures"], ppo["steps between failures"]) == (10, pytest.approx(5500 / 11))
     assert (geometric["failures"], geometric["steps between failures"]) == (1, pytest.approx(91_000 / 2))
     assert geometric["ratio to PPO"] == pytest.approx(91.0)

@@ -23,7 +23,7 @@ TASKS, METHODS = ("A", "B", "C"), ("ppo", "geometric", "geometric-discounted", "
 
 @pytest.fixture(autouse=True)
 def few_power_samples(monkeypatch):
-    """The power of a claim's test decides nothing; it has a test of its own."""
+    """No decision depends on the power, which has its own test below."""
     monkeypatch.setattr("studies.disturbance.claims.POWER_SAMPLES", 2)
 
 

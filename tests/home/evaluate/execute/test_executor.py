@@ -16,6 +16,7 @@ from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS
+from tests.home.limits import shorten
 
 LIMIT, MOST = 40, 450
 """Step limits of a skill and of the task."""
@@ -57,9 +58,7 @@ def solved(set_table):
 def idle(set_table):
     """An episode without clutter in which nobody does anything, with about a tenth of the benchmark's limits."""
     with pytest.MonkeyPatch.context() as patch:
-        for skill in SKILLS:
-            patch.setattr(SKILLS[skill], "step_limit", LIMIT)
-        patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=MOST))
+        shorten(patch, LIMIT, MOST)
         return run(Idle(), [set_table[5]], lanes=1, settle_steps=5, scene=SceneOptions(clutter=False))[5]
 
 

@@ -2,7 +2,7 @@
 
 import json
 import threading
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -20,11 +20,10 @@ from perdure.home.evaluate.protocol import (
     run_protocol,
 )
 from perdure.home.sim.scene import SceneOptions
-from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import TASKS
 from perdure.runs import Work
+from tests.home.limits import shorten
 
 LEARNED = {step.skill for step in make_plan("set_table")} - {"reset_arm"}
 ORACLES = dict.fromkeys(LEARNED, "oracle")
@@ -54,19 +53,12 @@ def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
 ONE = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
 
 
-def hurry(patch):
-    """Let each skill take three steps, an episode eight."""
-    for skill in SKILLS:
-        patch.setattr(SKILLS[skill], "step_limit", 3)
-    patch.setitem(TASKS, "set_table", replace(TASKS["set_table"], max_steps=8))
-
-
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
     """The folder of a hurried run of `ONE`, its logs, and what its observer saw."""
     folder, seen = tmp_path_factory.mktemp("ran"), []
     with pytest.MonkeyPatch.context() as patch:
-        hurry(patch)
+        shorten(patch, 3, 8)
         logs = run_protocol(ONE, folder, observe=seen.append, command="asked by a test")
     return folder, logs, seen
 
@@ -95,7 +87,7 @@ def test_two_runs_into_one_folder_do_the_work_once(tmp_path, monkeypatch):
         return run(self, episodes)
 
     monkeypatch.setattr(Executor, "run", counted)
-    hurry(monkeypatch)
+    shorten(monkeypatch, 3, 8)
     see = states.append
     both = [
         threading.Thread(target=run_protocol, args=(ONE, tmp_path), kwargs={"observe": lambda s: see(_states(s))})
@@ -119,7 +111,7 @@ def _say_other_source_made(unit):
 
 
 def test_other_settings_under_the_same_name_are_refused(tmp_path, monkeypatch):
-    hurry(monkeypatch)
+    shorten(monkeypatch, 3, 8)
 
     def protocol(settle_steps):
         options = ExecutorOptions(lanes=1, settle_steps=settle_steps)
