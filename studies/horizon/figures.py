@@ -33,14 +33,9 @@ from perdure.stats import (
     t_interval,
 )
 from studies.horizon.claims import Condition
+from studies.horizon.grid import METHODS
 from studies.horizon.results import Results
-from studies.horizon.tables import (
-    CHOSEN,
-    METHODS,
-    PPO,
-    condition_words,
-    setting_words,
-)
+from studies.horizon.tables import CHOSEN, PPO, condition_words, setting_words
 
 SEED = 0
 """Of the bootstrap's generator: the same tables, the same intervals."""
