@@ -325,6 +325,7 @@ def _set_physics(spec: Any, physics_hz: int) -> None:
     spec.option.timestep = 1.0 / physics_hz
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 100.0  # with the default 1 a small rolling resistance acts as a weak drag, not as friction
     spec.option.ccd_tolerance = 1e-9  # with the default 1e-6 a can lying on its edge creeps and never sleeps
     # A diverged world must be reported, not reset silently.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET

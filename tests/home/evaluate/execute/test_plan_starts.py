@@ -13,7 +13,7 @@ from perdure.home.skills.environment import HomeSkillVectorEnv, SkillEnvOptions
 from perdure.home.skills.starts import TOUCH, put, read_plan_starts, touching
 from perdure.home.tasks.episodes import load_episodes
 
-POOL = SimpleNamespace(episodes=load_episodes("set_table", "val").episodes[:2])
+POOL = SimpleNamespace(episodes=load_episodes("set_table", "val").episodes[:3])
 USED = {
     **{"pick": {0, 1}, "place": {0, 1}, "navigate": {0, 1}},
     **{"open_drawer": {0}, "close_drawer": {0}, "open_fridge": {1}, "close_fridge": {1}},
@@ -23,11 +23,11 @@ USED = {
 
 @pytest.fixture(scope="module", autouse=True)
 def recorded(tmp_path_factory):
-    """Two episodes that stand for the training pool, in a cache folder of their own."""
+    """Three episodes that stand for the training pool, in a cache folder of their own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(plan_starts, "train_pool", lambda task: POOL)
-        patch.setattr(environment, "train_pool", lambda task, count=2: POOL)
+        patch.setattr(environment, "train_pool", lambda task, count=3: POOL)
         patch.setattr(plan_starts, "POLICY_SETS", 1)
         plan_starts.record_plan_starts("set_table")
         yield {skill: read_plan_starts("set_table", skill) for skill in USED}
@@ -71,7 +71,7 @@ def test_what_the_plan_did_before_is_in_the_states(recorded):
 
 def test_half_the_starts_of_training_are_recorded_ones(recorded):
     known = {row.base for rows in recorded["place"].values() for row in rows}
-    options = {"skill": "place", "task": "set_table", "episodes": 2, "threads": 1}
+    options = {"skill": "place", "task": "set_table", "episodes": 3, "threads": 1}
     for training, low, high in ((True, 0.3, 0.7), (False, 0.0, 0.0)):
         env = HomeSkillVectorEnv(60, training=training, **options)
         env.reset(seed=0)

@@ -13,8 +13,8 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 RADIUS, SPEED, SECONDS = 0.0375, 0.3, 2.0
 
 
-def rolled(empty_room, **options):
-    """How far an apple rolls that is sent off over the floor of an empty room."""
+def rolled(empty_room, at=SPEED, **options):
+    """How far an apple rolls that is sent off at a speed over the floor of an empty room."""
     bare, middle, _ = empty_room
     x, y = map(float, middle)
     apple = Placement("013_apple", (x, y, RADIUS), (1.0, 0.0, 0.0, 0.0), "floor")
@@ -22,7 +22,7 @@ def rolled(empty_room, **options):
     world.reset(0, build_scene(bare, [apple], options=SceneOptions(**options)), Pose(x - 1.5, y, np.pi))
     lane = world.simulator(0)
     speed = lane.scene.object_qvel[0]
-    lane.qvel[speed], lane.qvel[speed + 4] = SPEED, SPEED / RADIUS
+    lane.qvel[speed], lane.qvel[speed + 4] = at, at / RADIUS
     for _ in range(int(30 * SECONDS)):
         world.step(np.zeros((1, 11)))
     return float(lane.object(0)[0][0]) - x
@@ -34,11 +34,14 @@ def test_with_a_drag_alone_speed_decays_as_its_equation_says(empty_room):
     assert rolled(empty_room, rolling=0.0) == pytest.approx(wanted, rel=0.01)
 
 
-@pytest.mark.parametrize("options", [{}, {"rolling": 0.0008}])
-def test_with_friction_it_stops_after_its_lever_arm_says(empty_room, options):
-    """0.7 v^2 r / (lever arm x g), the kinetic energy over the friction; the negative control of the drag."""
-    wanted = 0.7 * SPEED**2 * RADIUS / (options.get("rolling", 1.2e-3) * 9.81)
-    assert rolled(empty_room, **options) == pytest.approx(wanted, rel=0.05)
+@pytest.mark.parametrize(("speed", "lever"), [(0.3, 1.2e-3), (0.3, 8e-4), (0.1, 1.2e-3), (0.05, 4e-4), (0.03, 1e-4)])
+def test_with_friction_it_stops_after_its_lever_arm_says(empty_room, speed, lever):
+    """0.7 v^2 r / (lever arm x g), the kinetic energy over the friction; the negative control of the drag.
+
+    The slow ones stop there only with MuJoCo's `impratio` far above 1, else they roll up to nine times as far.
+    """
+    wanted = 0.7 * speed**2 * RADIUS / (lever * 9.81)
+    assert rolled(empty_room, speed, rolling=lever) == pytest.approx(wanted, rel=0.1)
 
 
 def test_a_simulator_changes_its_rolling_resistance_alone_and_back(empty_room):
