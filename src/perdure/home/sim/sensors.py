@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
 from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footprints
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.simulator import ARM_FROM, ARM_TO, GRASP_RADIUS, Simulator
@@ -36,7 +36,7 @@ class SkillGoal:
 
 
 @dataclass(frozen=True)
-class PrivilegedState:
+class PrivilegedState(Rows):
     """The state of n lanes. Room frame: x east, y north, z up; base frame: x forward, y left, z up from the floor.
 
     All lengths in [m], angles in [rad], speeds in [m/s] and [rad/s].
@@ -105,14 +105,6 @@ class PrivilegedState:
     diverged: BoolArray
     """Whether the simulation diverged in this step; the lane was reset to its episode's start. Shape (n,)."""
 
-    def __len__(self) -> int:
-        """Number of lanes."""
-        return len(self.base)
-
-    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> PrivilegedState:
-        """Some of the lanes."""
-        return PrivilegedState(*[getattr(self, name)[lanes] for name in _FIELDS])
-
     @property
     def empty_hand(self) -> BoolArray:
         """Whether the gripper holds neither an object nor a handle. Shape (n,)."""
@@ -149,9 +141,6 @@ class PrivilegedState:
         # Written out: a matrix product may round differently for one lane than for many.
         axes = self.gripper_rotation
         return in_base[:, :1] * axes[:, 0] + in_base[:, 1:2] * axes[:, 1] + in_base[:, 2:] * axes[:, 2]
-
-
-_FIELDS = tuple(each.name for each in fields(PrivilegedState))
 
 
 def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from perdure.home.sim.scene import LEVERS, MOST_ROLLING, PHYSICS_HZ, SERVO_HZ, S
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
-from perdure.home.skills.skill import Skill, SkillProgress, put_rows
+from perdure.home.skills.skill import Skill, SkillProgress
 from perdure.home.skills.starts import Start, begin, read_plan_starts, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.planning import make_plan
@@ -342,7 +342,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         if self._state is None or self._progress is None:
             self._state, self._progress = fresh, begun
         else:
-            self._state, self._progress = put_rows(self._state, lanes, fresh), self._progress.put(lanes, begun)
+            self._state, self._progress = self._state.put(lanes, fresh), self._progress.put(lanes, begun)
         self._over[lanes] = False
         return self._state, self._progress
 

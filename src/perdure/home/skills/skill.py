@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
@@ -23,8 +23,6 @@ from perdure.home.skills import starts
 from perdure.home.skills.starts import Aim
 from perdure.home.tasks.episodes import Episode
 
-Record = TypeVar("Record", bound=Any)
-
 FORCE_MARGIN = 20.0
 """Contact forces up to this count as 0, in [N] (M3's number). Only increases in force are penalized (our choice). M3's
 `RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
@@ -33,7 +31,7 @@ HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
 
 
 @dataclass(frozen=True)
-class SkillProgress:
+class SkillProgress(Rows):
     """What skills remember of n lanes. All arrays have shape (n,)."""
 
     elapsed: IntArray
@@ -52,26 +50,6 @@ class SkillProgress:
     """Counted contact force of the previous step in [N], see `counted_force`."""
     force_sum: FloatArray
     """Sum of its increases in [N]."""
-
-    def __len__(self) -> int:
-        """Return the number of lanes."""
-        return len(self.elapsed)
-
-    def __getitem__(self, lanes: IntArray | slice | BoolArray) -> SkillProgress:
-        """Return the record of some lanes."""
-        return SkillProgress(*[getattr(self, each.name)[lanes] for each in fields(self)])
-
-    def put(self, lanes: IntArray, other: SkillProgress) -> SkillProgress:
-        """Return a copy with the rows of `lanes` replaced, see `put_rows`."""
-        return put_rows(self, lanes, other)
-
-
-def put_rows(record: Record, lanes: IntArray, other: Record) -> Record:
-    """Return a copy of a dataclass of arrays in which the rows of `lanes` (m,) come from another one with m rows."""
-    changed = {each.name: getattr(record, each.name).copy() for each in fields(record)}
-    for name, column in changed.items():
-        column[lanes] = getattr(other, name)
-    return replace(record, **changed)
 
 
 def invalid_grasp(state: PrivilegedState) -> BoolArray:
