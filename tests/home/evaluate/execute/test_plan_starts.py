@@ -27,7 +27,7 @@ def recorded(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(plan_starts, "train_pool", lambda task: POOL)
-        patch.setattr(environment, "train_pool", lambda task, count=3: POOL)
+        patch.setattr(environment, "train_pool", lambda task, count=None: POOL)
         patch.setattr(plan_starts, "POLICY_SETS", 1)
         plan_starts.record_plan_starts("set_table")
         yield {skill: read_plan_starts("set_table", skill) for skill in USED}
@@ -71,7 +71,7 @@ def test_what_the_plan_did_before_is_in_the_states(recorded):
 
 def test_half_the_starts_of_training_are_recorded_ones(recorded):
     known = {row.base for rows in recorded["place"].values() for row in rows}
-    options = {"skill": "place", "task": "set_table", "episodes": 3, "threads": 1}
+    options = {"skill": "place", "task": "set_table", "episodes": len(POOL.episodes), "threads": 1}
     for training, low, high in ((True, 0.3, 0.7), (False, 0.0, 0.0)):
         env = HomeSkillVectorEnv(60, training=training, **options)
         env.reset(seed=0)
