@@ -13,8 +13,8 @@ from perdure.report.charts import save
 from perdure.runs import Store, Unit
 from studies.files import include_tables
 from studies.placement.figures import draw_figures
-from studies.placement.grid import DRAG, GRIDS, PHASES, Grid, Row, make_grid
-from studies.placement.tables import PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
+from studies.placement.grid import GRIDS, PHASES, Grid, Row, make_grid
+from studies.placement.tables import DRAG, PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
 
 QUESTION = "Do placed objects stay, and which release strategy and which world decide it?"
 SCALES = {"smoke": None, "laptop": None, "thesis": Path("results", "placement")}
@@ -72,5 +72,5 @@ def update_tables(grid: Grid, out: Path) -> Tables:
     analysis = analyze_logs(records)
     tables = with_logs(tables, analysis, notes.tables["hand_overs"])
     # The speeds are of all these rows together: some of them alone would be another sample.
-    pooled = [bool(logs[row]) for row in grid.rows if (row.split, row.world) == ("eval", DRAG)]
+    pooled = [bool(logs[row]) for row in grid.rows if row.split == "eval" and row.strategy.endswith(f" {DRAG}")]
     return {**tables, "release-speed": release_speeds(analysis.placements)} if pooled and all(pooled) else tables

@@ -12,11 +12,11 @@ import polars as pl
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import AT_RELEASE, GROUP, SAME_PLACEMENT, Analysis, paired_difference
-from perdure.home.evaluate.comparison import describe_task, interval_text
+from perdure.home.evaluate.comparison import describe_task, interval_text, percent
 from perdure.home.evaluate.outcomes import COUNTINGS, Counting
-from perdure.home.sim.objects import KINDS
+from perdure.home.sim.objects import KINDS, ROLLING
 from studies.files import read_csv, write_csv
-from studies.placement.grid import MAIN_STRATEGIES, STRATEGIES, TASKS, WORLDS
+from studies.placement.grid import RELEASES, STRATEGIES, TASKS, THESIS_ROWS, VARIANTS
 
 Tables = dict[str, pl.DataFrame]
 """Tables by name, with names of strategies as logs have them ("ik drag")."""
@@ -30,7 +30,7 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
         **dict.fromkeys(("train_seeds", "eval_seeds", "episodes"), pl.Int64),
         **{f"{way} {name}": pl.Float64 for way in COUNTINGS for name in ("mean", "lower", "upper")},
         **{f"{way} standard_error": pl.Float64 for way in COUNTINGS},
-        **{"method": pl.String, "did_not_last": pl.Int64, "earlier_run": pl.Boolean},
+        **{"method": pl.String, "did_not_last": pl.Int64, "final": pl.Int64, "unaided": pl.Int64},
     },
     "seeds": {**_KEYS, "train_seed": pl.Int64, **dict.fromkeys(COUNTINGS, pl.Float64)},
     "stages": {**_KEYS, "counting": pl.String, "stage": pl.String, "mean": pl.Float64},
@@ -48,16 +48,18 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
         **{f"{what} {name}": pl.Float64 for what in ("episodes", "placements") for name in BOUNDS},
     },
     "release-speed": {
-        **{"interval": pl.Int64, "in_motion": pl.Boolean, "objects": pl.String, "placements": pl.Int64},
+        **{"interval": pl.Int64, "alone": pl.Boolean, "objects": pl.String, "placements": pl.Int64},
         **{"share_stayed": pl.Float64, "median_speed": pl.Float64},
     },
 }
-"""Columns of every CSV file, see `perdure.home.evaluate.analysis`: shares, [m], [m/s], [deg]. `earlier_run`: the logs
-were not kept. `differences` are second minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
+"""Columns of every CSV file, see `perdure.home.evaluate.analysis`: shares, [m], [m/s], [deg]. `differences` are second
+minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
 OPTIONAL |= {"world", "median_speed"}
-PAIRS = (("rl", "stop"), ("rl", "ik"), ("stop", "ik"), ("rl", "delta-200"))
+PAIRS = (*(("rl", other) for other in (*RELEASES[1:], *VARIANTS)), ("stop", "ik"), ("stop", "guarded"))
 """Strategies that are compared over the same episodes: (first, second), second minus first."""
+DRAG = "drag closed"
+"""The world in which release speeds are compared."""
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
 """Collision shape to what tables call objects of that shape."""
 SHAPES = ("apples", "cans", "bowls", "boxes")
@@ -105,7 +107,6 @@ def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame) -> Ta
     """Return tables in which rows of logs replace rows about the same; all others stay."""
     new = {name: getattr(analysis, name) for name in ("success", "seeds", "stages", "outcomes", "modes", "kinds")}
     new["modes"] = new["modes"].filter(counting="stabilizing")
-    new["success"] = new["success"].with_columns(earlier_run=False)
     new["hand-overs"] = hand_overs
     merged, subjects = dict(known), analysis.success.select(GROUP)
     for name, table in new.items():
@@ -126,7 +127,7 @@ def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame) -> Ta
 def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
     for task, split in analysis.success.select("task", "split").unique(maintain_order=True).rows():
         episodes, placements = (t.filter(task=task, split=split) for t in (analysis.episodes, analysis.placements))
-        for world in WORLDS:
+        for world in _worlds(episodes):
             for pair in PAIRS:
                 before, after = (f"{strategy} {world}".strip() for strategy in pair)
                 try:
@@ -143,36 +144,36 @@ def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
                 }
 
 
+def _worlds(rows: pl.DataFrame) -> list[str]:
+    """Return the worlds in a table, which follow a strategy's first word: "drag closed"."""
+    return sorted({name.partition(" ")[2] for name in rows["strategy"].unique()})
+
+
 def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
     """Return how many placements of each group and interval of speed there are, and which share stayed.
 
-    Counted are all `eval` placements with drag only. Placements of policies alone (`rl`, `delta-N`) are kept apart from
-    those of strategies that come to rest before they release.
+    Counted are all `eval` placements of the closed loop with drag only. Those of policies alone are kept apart from
+    those after a hand-over.
     """
-    place = pl.col("strategy").str.strip_suffix(" drag")
-    rows = placements.filter(pl.col("strategy").str.ends_with(" drag"), place.is_in(STRATEGIES), split="eval")
+    place = pl.col("strategy").str.strip_suffix(f" {DRAG}")
+    rows = placements.filter(pl.col("strategy").str.ends_with(f" {DRAG}"), place.is_in(STRATEGIES), split="eval")
     counted = rows.group_by(
         pl.Series("interval", np.digitize(rows["object_speed"].to_numpy(), SPEED_BOUNDS[1:], right=True)),
-        in_motion=(place == "rl") | place.str.starts_with("delta-"),
+        alone=~place.is_in(RELEASES[1:]),
         objects=pl.col("kind").replace_strict({name: GROUPS[kind.shape] for name, kind in KINDS.items()}),
     ).agg(placements=pl.len(), share_stayed=pl.col("stabilizing").mean(), median_speed=pl.col("object_speed").median())
     columns = COLUMNS["release-speed"]
     return counted.select(pl.col(name).cast(kind) for name, kind in columns.items()).sort(*list(columns)[:3])
 
 
-def success_rows(
-    tables: Tables, split: str, world: str | None = None, places: Iterable[str] = STRATEGIES
-) -> list[dict[str, Any]]:
-    """Return rows of `success` with their `place` and `world`, by task, world and strategy."""
+def success_rows(tables: Tables, split: str = "eval") -> list[Row]:
+    """Return the rows of `success` of a split with `place`, `planner` and `rolling` [m], in order."""
+    known = {row.strategy: row for row in THESIS_ROWS}
     rows = []
-    for row in tables["success"].filter(split=split).iter_rows(named=True):
-        place, _, where = row["strategy"].partition(" ")
-        if place in places and world in (None, where):
-            rows.append({**row, "place": place, "world": where})
-    order = list(WORLDS)
-    return sorted(
-        rows, key=lambda row: (TASKS.index(row["task"]), order.index(row["world"]), STRATEGIES.index(row["place"]))
-    )
+    for row in tables["success"].filter(split=split).to_dicts():
+        if found := known.get(row["strategy"]):
+            rows.append({**row, **{name: getattr(found, name) for name in ("place", "planner", "rolling")}})
+    return sorted(rows, key=lambda row: (TASKS.index(row["task"]), STRATEGIES.index(row["place"]), row["rolling"]))
 
 
 def share(row: Mapping[str, Any] | None, way: Counting = "stabilizing") -> str:
@@ -181,29 +182,34 @@ def share(row: Mapping[str, Any] | None, way: Counting = "stabilizing") -> str:
 
 
 def _table(rows: Iterable[Mapping[str, str]]) -> pl.DataFrame:
-    return pl.DataFrame(list(rows))
+    return pl.DataFrame(list(rows), infer_schema_length=None).fill_null("")
 
 
-def world_table(tables: Tables) -> pl.DataFrame:
-    """Return success on unseen layouts with a row for each task and world, a column for each main strategy."""
-    rows: dict[tuple[str, str], dict[str, str]] = {}
-    for row in success_rows(tables, "eval", places=MAIN_STRATEGIES):
-        key = row["task"], row["world"]
-        names = {"task": describe_task(key[0]), "world": WORLDS[key[1]]}
-        rows.setdefault(key, names)[f"`{row['place']}`"] = share(row)
-    return pl.DataFrame(list(rows.values()), infer_schema_length=None).fill_null("")
+def task_table(tables: Tables) -> pl.DataFrame:
+    """Return success in the default world: a row for each task and release, open and closed loop, other layouts."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for split, where in (("eval", ""), ("eval-2", ", five other layouts")):
+        for row in success_rows(tables, split):
+            if row["place"] in RELEASES and row["rolling"] == ROLLING:
+                found = _cells(cells, row)
+                found[f"{row['planner']}{where}"] = share(row)
+                if row["planner"] == "closed":
+                    found[f"policies alone{where}"] = percent(row["unaided"] / row["episodes"])
+    return _table(cells.values())
 
 
-def strategy_table(tables: Tables) -> pl.DataFrame:
-    """Return success on unseen layouts, drag only, of every strategy."""
-    rows = []
-    for row in success_rows(tables, "eval", "drag"):
-        seeds = tables["seeds"].filter(task=row["task"], split="eval", strategy=row["strategy"])["stabilizing"]
-        by_seed = ", ".join(f"{100 * each:.0f}" for each in seeds)
-        names = {"task": describe_task(row["task"]), "strategy": f"`{row['place']}`"}
-        counts = {"goal-stabilizing": share(row), "by training seed": by_seed, "latched": share(row, "latched")}
-        rows.append({**names, **counts})
-    return _table(rows)
+def rolling_table(tables: Tables) -> pl.DataFrame:
+    """Return success in the closed loop by rolling resistance: a row for each task and strategy."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for row in success_rows(tables):
+        if row["planner"] == "closed":
+            _cells(cells, row)[f"{1000 * row['rolling']:g} mm"] = share(row)
+    return _table(cells.values())
+
+
+def _cells(cells: dict[tuple[str, str], dict[str, str]], row: Row) -> dict[str, str]:
+    names = {"task": describe_task(row["task"]), "release": f"`{row['place']}`"}
+    return cells.setdefault((row["task"], row["place"]), names)
 
 
 def speed_table(tables: Tables) -> pl.DataFrame:
@@ -211,22 +217,20 @@ def speed_table(tables: Tables) -> pl.DataFrame:
     counts, rows = tables["release-speed"], []
     for number, name in enumerate(INTERVALS):
         row = {"release speed [m/s]": name}
-        for moving in (True, False):
+        for alone in (True, False):
             for group in SHAPES:
-                part = counts.filter(interval=number, in_motion=moving, objects=group).select(
-                    "placements", "share_stayed"
-                )
+                part = counts.filter(interval=number, alone=alone, objects=group).select("placements", "share_stayed")
                 n, stayed = part.row(0) if len(part) else (0, 0.0)
                 few = f"{round(stayed * n)} of {n}" if n else "-"
                 cell = f"{100 * stayed:.0f} % of {n}" if n >= MIN_PLACEMENTS else few
-                row[f"{group}, {'in motion' if moving else 'stopped'}"] = cell
+                row[f"{group}, {'policies alone' if alone else 'hand-overs'}"] = cell
         rows.append(row)
     return _table(rows)
 
 
 PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
-    "strategies": strategy_table,
-    "worlds": world_table,
+    "tasks": task_table,
+    "rolling": rolling_table,
     "release-speed": speed_table,
 }
 """Name after `table:` in a page to the function that makes the table."""

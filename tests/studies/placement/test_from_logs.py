@@ -11,14 +11,14 @@ from perdure.errors import PerdureError
 from perdure.home.evaluate.protocol import protocol_units
 from perdure.runs import attempt
 from studies.placement.figures import speed_figures
-from studies.placement.grid import DRAG, Grid, Row
+from studies.placement.grid import Grid, Row
 from studies.placement.study import update_tables
 from studies.placement.tables import PAGE_TABLES, read_tables, write_tables
 
 COMMITTED = Path(__file__).parents[3] / "results" / "placement" / "tables"
-ROW = Row("set_table", "ik", "eval", DRAG, 1, 1, 1, 1)
+ROW = Row("set_table", "ik", "eval", "closed", 0.0, 1, 1, 1, 1)
 GRID = Grid((ROW,))
-SUBJECT = {"task": "set_table", "split": "eval", "strategy": "ik drag"}
+SUBJECT = {"task": "set_table", "split": "eval", "strategy": "ik drag closed"}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def after(out):
 
 def others(table):
     return table.filter(
-        ~((pl.col("task") == "set_table") & (pl.col("split") == "eval") & (pl.col("strategy") == "ik drag"))
+        ~((pl.col("task") == "set_table") & (pl.col("split") == "eval") & (pl.col("strategy") == "ik drag closed"))
     )
 
 
@@ -64,10 +64,9 @@ def test_logs_remove_the_differences_of_replaced_rows(out, after):
     before = read_tables(out / "tables")["differences"]
     gone = before.join(after["differences"], on=before.columns, how="anti", nulls_equal=True)
     assert sorted(gone.select("task", "split", "world", "second", "first").rows()) == [
-        ("set_table", "eval", "drag", "ik", "rl"),
-        ("set_table", "eval", "drag", "ik", "stop"),
+        ("set_table", "eval", "drag closed", "ik", "rl"),
     ]
-    assert len(after["differences"]) == len(before) - 2
+    assert len(after["differences"]) == len(before) - 1
 
 
 def test_results_of_one_seed_are_read_again(after, tmp_path):
@@ -79,7 +78,7 @@ def test_results_of_one_seed_are_read_again(after, tmp_path):
 
 def test_the_new_rows_tell_what_the_episode_did(after):
     success = after["success"].filter(**SUBJECT).row(0, named=True)
-    assert (success["episodes"], success["train_seeds"], success["earlier_run"]) == (1, 1, False)
+    assert (success["episodes"], success["train_seeds"]) == (1, 1)
     placed = after["kinds"].filter(**SUBJECT)["placements"].sum()
     assert placed == after["hand-overs"].filter(**SUBJECT)["count"].sum() > 0
     stages = after["stages"].filter(**SUBJECT, counting="latched")
