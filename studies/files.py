@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ import polars as pl
 
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
-from perdure.schema import Parquet
+from perdure.schema import Parquet, parquet_bytes
 
 DIGITS = 6
 
@@ -63,11 +62,9 @@ def read_parquet_file(path: Path) -> pl.DataFrame:
         raise PerdureError(f"{path}: {error}") from None
 
 
-def parquet_bytes(frame: pl.DataFrame) -> bytes:
-    """Return a table as a small Parquet file."""
-    buffer = io.BytesIO()
-    frame.write_parquet(buffer, compression="zstd", compression_level=19)
-    return buffer.getvalue()
+def write_parquet_file(path: Path, frame: pl.DataFrame) -> Path:
+    """Write a table as a small Parquet file."""
+    return write_atomic(path, parquet_bytes(frame, compression="zstd", compression_level=19))
 
 
 def markdown_table(frame: pl.DataFrame) -> str:

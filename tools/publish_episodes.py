@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -30,17 +29,13 @@ def publish(folder: Path, seed: int = 0) -> dict[str, Counter[str]]:
     refusals: dict[str, Counter[str]] = {}
     for task in TASKS:
         for split in PUBLISHED:
-            thrown: Counter[str] = Counter()
-            made = generate_episodes(task, split, seed, partial(_count, thrown))
+            refused = list[str]()
+            made = generate_episodes(task, split, seed, refused.append)
             made_with = {"seed": str(seed), "mujoco": version("mujoco")}
             write_episodes(folder / f"{task}_{split}.json", EpisodeSet(task, split, made_with, made.episodes))
-            refusals[f"{task}_{split}"] = thrown
+            thrown = refusals[f"{task}_{split}"] = Counter(refused)
             print(f"{task}_{split}: {len(made)} episodes, thrown away: {dict(thrown) or 'none'}", flush=True)
     return refusals
-
-
-def _count(thrown: Counter[str], reason: str) -> None:
-    thrown[reason] += 1
 
 
 if __name__ == "__main__":

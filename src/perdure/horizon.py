@@ -293,10 +293,7 @@ class Linear(Embedding):
 
     name: ClassVar[str] = "linear"
 
-    @property
-    def size(self) -> int:
-        """Return 1."""
-        return 1
+    size = 1
 
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
         """Return phi(t, T), shape (*batch, 1)."""
@@ -333,10 +330,7 @@ class TimeFeature(Embedding):
         """Refuse an invalid number of steps."""
         _check_steps("the steps of a time feature", self.steps)
 
-    @property
-    def size(self) -> int:
-        """Return 1."""
-        return 1
+    size = 1
 
     def __call__(self, elapsed: Any, horizon: Any) -> Any:
         """Return phi(t, T), shape (*batch, 1)."""
@@ -450,10 +444,7 @@ class Infinite(HorizonDistribution):
 
     name: ClassVar[str] = "infinite"
 
-    @property
-    def longest(self) -> float:
-        """Return infinity."""
-        return math.inf
+    longest = math.inf
 
     def from_uniform(self, u: Any) -> Any:
         """Return infinity for every entry."""

@@ -147,6 +147,12 @@ class Parquet:
             return pl.read_parquet(io.BytesIO(self._content), columns=None if columns is None else list(columns))
 
 
+def parquet_bytes(frame: pl.DataFrame, **options: Any) -> bytes:
+    """Return a table as a Parquet file; options are those of Polars' `write_parquet`."""
+    frame.write_parquet(buffer := io.BytesIO(), **options)
+    return buffer.getvalue()
+
+
 @contextmanager
 def _decoding() -> Iterator[None]:
     import polars as pl

@@ -14,7 +14,7 @@ from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.policy import load_policy, save_policy
 from perdure.report.charts import save
-from perdure.runs import Store, Unit, Work, file_digest, write_atomic
+from perdure.runs import Store, Unit, Work, file_digest
 from perdure.runs.progress import total_share
 from studies.disturbance.claims import claims_table, speed_while_working
 from studies.disturbance.cure import cure_table
@@ -27,7 +27,7 @@ from studies.disturbance.grid import (
     subjects,
 )
 from studies.disturbance.tables import all_tables, draw_figures, page_tables
-from studies.files import include_tables, parquet_bytes, read_parquet_file, write_csv
+from studies.files import include_tables, read_parquet_file, write_csv, write_parquet_file
 
 QUESTION = "Do policies that hold when calm hold under disturbances, and does the verdict foresee new ones?"
 SCALES = {"thesis": Path("results", "disturbance")}
@@ -86,7 +86,7 @@ def evaluate(
     )
     result = evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
     rows = result.final().select(COLUMNS).with_columns(speed=speed_while_working(result.frame))
-    write_atomic(work.folder / ROWS, parquet_bytes(rows))
+    write_parquet_file(work.folder / ROWS, rows)
     shutil.rmtree(store, ignore_errors=True)
 
 
@@ -107,7 +107,7 @@ def collect(finished: Store, phase: int, frozen: Path) -> None:
         rows = pl.concat(parts, how="diagonal")
         if frozen.is_file():
             rows = pl.concat([rows, read_parquet_file(frozen).join(rows, cell, "anti")], how="diagonal")
-        write_atomic(frozen, parquet_bytes(rows.sort(*cell, "train_seed", "eval_seed")))
+        write_parquet_file(frozen, rows.sort(*cell, "train_seed", "eval_seed"))
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -131,8 +131,6 @@ def analyze(scale: str, out: Path) -> list[Path]:
         pilots = [cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh)] if (out / PILOTS).is_file() else []
         tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19"), *pilots], how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
-    figures = list(draw_figures(tables))
-    save(figures, out / "figures", ("svg",))
-    written += [out / "figures" / f"{figure.name}.svg" for figure in figures]
+    written += save(draw_figures(tables), out / "figures", ("svg",))
     page = out / "README.md"
     return [*written, include_tables(page, page_tables(tables))] if page.is_file() else written

@@ -22,8 +22,7 @@ import polars as pl
 from perdure.errors import PerdureError
 from perdure.report.estimates import thin
 from perdure.report.groups import EPISODE_FAILURES, TRAINING_SCORE
-from perdure.runs import write_atomic
-from studies.files import parquet_bytes, read_parquet_file
+from studies.files import read_parquet_file, write_parquet_file
 from studies.horizon.claims import SCORE, Condition
 from studies.horizon.grid import Grid
 
@@ -73,7 +72,7 @@ class FrozenTable:
         new = rows.select(pl.col(name).cast(kind) for name, kind in self.columns.items())
         kept = self.read(out).join(new.select(self.key).unique(), on=self.key, how="anti", maintain_order="left")
         order = [name for name, kind in self.columns.items() if not isinstance(kind, pl.List)]
-        return write_atomic(out / self.file, parquet_bytes(pl.concat([kept, new]).sort(order)))
+        return write_parquet_file(out / self.file, pl.concat([kept, new]).sort(order))
 
 
 EPISODES = FrozenTable(

@@ -191,9 +191,7 @@ class TestNormalizingPhi:
                 counters=env_state.counters.at[0].set(jnp.array([10.0, 19.0])).at[1].set(20.0)
             )
             moments = update_moments(config, start_moments(SIZE + 3 * normalize_embedding), env_state)
-            return np.asarray(
-                network_inputs(config, moments, env_state.observations, env_state.elapsed, env_state.horizons)
-            )
+            return np.asarray(network_inputs(config, moments, env_state.observations, *env_state.counters[:2]))
 
     def test_phi_is_left_as_it_is_by_default(self):
         np.testing.assert_allclose(self.inputs(False)[:, SIZE:], PHI(np.array([10, 19]), np.array([20, 20])), rtol=1e-6)

@@ -61,8 +61,17 @@ class EnvPoolWorld(TrackedWorld):
         Raises:
             PerdureError: If seeds are not legal or the task's actions are not one box.
         """
+        import envpool
+
         seeds = checked_seeds(seeds)
-        self.pool: Any = _make_pool(name, seeds, threads)
+        self.pool: Any = envpool.make(
+            name,
+            env_type="gymnasium",
+            num_envs=len(seeds),
+            num_threads=min(threads, len(seeds)),
+            seed=seeds,
+            max_episode_steps=OUT_OF_REACH,
+        )
         self._channel = RawChannel(self.pool)
         self.spec = _spec_of(self.pool, name, suite)
         self._action_dtype = self.pool.action_space.dtype
@@ -96,45 +105,25 @@ class EnvPoolWorld(TrackedWorld):
         self.pool = self._channel = None  # type: ignore[assignment]  # EnvPool frees its threads with the last reference
 
 
-def _make_pool(name: str, seeds: list[int], threads: int) -> Any:
-    import envpool
-
-    return envpool.make(
-        name,
-        env_type="gymnasium",
-        num_envs=len(seeds),
-        num_threads=min(threads, len(seeds)),
-        seed=seeds,
-        max_episode_steps=OUT_OF_REACH,
-    )
-
-
 def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
     import envpool
     import gymnasium
 
     if not isinstance(pool.action_space, gymnasium.spaces.Box) or len(pool.action_space.shape) != 1:
         raise PerdureError(f"{name}: actions must be one vector in a box, this task has {pool.action_space}.")
-    shapes = pool.spec.state_array_spec
+    shapes, mujoco = pool.spec.state_array_spec, _mujoco_version(pool)
     return TaskSpec(
         name=name,
         suite=suite,
-        engine=_engine_of(pool),
+        engine=f"EnvPool {envpool.__version__}" + (f", MuJoCo {mujoco}" if mujoco else ""),
         observation_size=sum(math.prod(shapes[key].shape) for key in observation_keys(pool)),
         action_low=pool.action_space.low,
         action_high=pool.action_space.high,
         default_horizon=int(envpool.make_spec(name).config.max_episode_steps),
-        hides_divergence=_mujoco_version(pool) is not None,
+        hides_divergence=mujoco is not None,
         step_seconds=STEP_SECONDS.get(name.partition("-")[0], np.nan),
         has_goal="obs:desired_goal" in pool._state_keys,
     )
-
-
-def _engine_of(pool: Any) -> str:
-    import envpool
-
-    engine, mujoco = f"EnvPool {envpool.__version__}", _mujoco_version(pool)
-    return f"{engine}, MuJoCo {mujoco}" if mujoco else engine
 
 
 def _mujoco_version(pool: Any) -> str | None:

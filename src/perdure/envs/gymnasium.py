@@ -50,7 +50,6 @@ class GymnasiumWorld(TrackedWorld):
         factories: Sequence[Callable[[], Any]],
         seeds: Sequence[int],
         name: str = "custom",
-        suite: str = "Gymnasium",
         default_horizon: int | None = None,
     ) -> None:
         """Build the environments.
@@ -62,7 +61,6 @@ class GymnasiumWorld(TrackedWorld):
             factories: One per lane, each returns a new environment of the same task.
             seeds: One per lane, see `checked_seeds`.
             name: Goes into the spec.
-            suite: Goes into the spec.
             default_horizon: Goes into the spec; None means the first environment's own limit.
 
         Raises:
@@ -82,14 +80,14 @@ class GymnasiumWorld(TrackedWorld):
                 if mujoco := sys.modules.get("mujoco"):  # imported with the first robot
                     mujoco.set_mju_user_warning(_show_model_warning)
                 self.environments.append(call(name, "making it", factory))
-            self.spec = self._checked_spec(name, suite, default_horizon)
+            self.spec = self._checked_spec(name, default_horizon)
         except BaseException:
             for env in self.environments:
                 with suppress(Exception):  # the first error is the one to show
                     env.close()
             raise
 
-    def _checked_spec(self, name: str, suite: str, default_horizon: int | None) -> TaskSpec:
+    def _checked_spec(self, name: str, default_horizon: int | None) -> TaskSpec:
         """Return the spec of the environments if they are different objects with the same spaces."""
         if len({id(env.unwrapped) for env in self.environments}) < len(self.environments):
             raise PerdureError(
@@ -98,7 +96,7 @@ class GymnasiumWorld(TrackedWorld):
         first = self.environments[0]
         limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)
         self._space, self._action_space = self.spaces = first.observation_space, first.action_space
-        spec = spec_of(name, suite, first, self.spaces, limit)
+        spec = spec_of(name, "Gymnasium", first, self.spaces, limit)
         for env in self.environments[1:]:
             if env.observation_space != self._space or env.action_space != self._action_space:
                 raise PerdureError(f"{name}: every lane must have the same spaces, got {env} beside {first}.")

@@ -13,6 +13,8 @@ from perdure.envs.vector_env import VectorEnvWorld
 from perdure.envs.world import World
 from perdure.errors import PerdureError
 
+MOST_LANES = 48
+"""Lanes of a world where their number is free."""
 KINDS = (
     "env must be a Gymnasium id, a task (`perdure list`), a factory (a function that returns a gymnasium.Env) or a "
     "gymnasium.vector.VectorEnv"
@@ -20,13 +22,12 @@ KINDS = (
 
 
 @contextmanager
-def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
+def open_env(env: Any) -> Iterator[OpenEnv]:
     """Open an environment for the duration of a block, with its own step limits lifted.
 
     Args:
         env: A name as `task_of_environment` reads it ("Hopper-v5", "envpool:Hopper-v5"); a factory, called once for
             each lane; or a VectorEnv, whose lanes are used as they are. It is not closed, and gets its limit back.
-        name: Of the task, in tables; by default the environment's own id.
 
     Raises:
         PerdureError: If it is none of these, cannot be built, or has a limit that cannot be lifted.
@@ -41,14 +42,14 @@ def open_env(env: Any, name: str | None = None) -> Iterator[OpenEnv]:
         raise PerdureError(f"{KINDS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'")
     elif isinstance(env, VectorEnv):
         with _without_limits(env) as limit:
-            yield _vector(env, name, limit)
+            yield _vector(env, limit)
     elif isinstance(env, Env):
         raise PerdureError(
             f"{KINDS}; this is a single environment, which can be in one episode at a time: give the function that "
             "builds it, such as lambda: gymnasium.make(...)"
         )
     elif callable(env):
-        yield _factory(env, name)
+        yield _factory(env)
     else:
         raise PerdureError(f"{KINDS}, not {type(env).__name__}")
 
@@ -67,27 +68,22 @@ class OpenEnv:
         for group in self.groups(len(seeds)):
             yield self.make([seeds[k] for k in group])
 
-    def groups(self, count: int, most: int = 48) -> list[list[int]]:
-        """Return numbers 0 to count - 1 in groups for one world each, the last number repeated where lanes are fixed.
-
-        Args:
-            count: How many lanes are wanted.
-            most: Lanes of a world where their number is free.
-        """
-        size = self.lanes or most
+    def groups(self, count: int) -> list[list[int]]:
+        """Return numbers 0 to count - 1 in groups of one world; the last number is repeated where lanes are fixed."""
+        size = self.lanes or MOST_LANES
         groups = [list(range(first, min(first + size, count))) for first in range(0, count, size)]
         if self.lanes is not None:
             groups[-1] += [count - 1] * (self.lanes - len(groups[-1]))
         return groups
 
 
-def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
+def _factory(factory: Callable[[], Any]) -> OpenEnv:
     from gymnasium import Env
 
     probe = call("env", "the factory", factory)
     if not isinstance(probe, Env):
         raise PerdureError(f"{KINDS}; this function returned {type(probe).__name__}")
-    limit, title = getattr(probe.spec, "max_episode_steps", None), name or title_of(probe)
+    limit, title = getattr(probe.spec, "max_episode_steps", None), title_of(probe)
     probe.close()
 
     def build() -> Any:
@@ -100,8 +96,8 @@ def _factory(factory: Callable[[], Any], name: str | None) -> OpenEnv:
     return OpenEnv(lambda seeds: GymnasiumWorld([build] * len(seeds), seeds, title, default_horizon=limit))
 
 
-def _vector(env: Any, name: str | None, limit: int | None) -> OpenEnv:
-    title = name or title_of(getattr(env.unwrapped, "envs", [env])[0])
+def _vector(env: Any, limit: int | None) -> OpenEnv:
+    title = title_of(getattr(env.unwrapped, "envs", [env])[0])
 
     def make(seeds: Sequence[int]) -> World:
         return _Borrowed(env, seeds, title, default_horizon=limit)

@@ -115,7 +115,7 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
 
     @slot.keep_error
     def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
-        step = slot.world.step(_float64(actions))
+        step = slot.world.step(np.ascontiguousarray(actions).view(np.float64)[..., 0])
         # A state that the engine made up is neither bootstrapped nor paid for.
         rewards = np.where(step.diverged, 0.0, step.rewards)
         if not (np.isfinite(step.observations).all() and (np.abs(rewards) <= LARGEST).all()):
@@ -153,10 +153,6 @@ def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
 
 def _bits(values: NDArray[np.float64]) -> NDArray[np.uint32]:
     return np.ascontiguousarray(values, np.float64)[..., None].view(np.uint32)
-
-
-def _float64(bits: jax.Array) -> NDArray[np.float64]:
-    return np.ascontiguousarray(bits).view(np.float64)[..., 0]
 
 
 def _bits_shape(*shape: int) -> jax.ShapeDtypeStruct:

@@ -183,16 +183,12 @@ class Extrapolation:
             elif text == "countdown":
                 clocks.append(Countdown(float(steps)))
             elif text == "sweep":
-                clocks += _sweep(steps)
+                clocks += [Constant(float(c)) for c in range(0, 1001, 100)]
+                clocks += [Periodic(float(c)) for c in range(100, 1001, 100)]  # Periodic(0) is Constant(0)
+                clocks.append(Countdown(float(steps)))
             else:
                 clocks.append(parse_clock(text))
         return tuple(dict.fromkeys(clocks))
-
-
-def _sweep(steps: int) -> list[Clock]:
-    constants: list[Clock] = [Constant(float(c)) for c in range(0, 1001, 100)]
-    # Periodic(0) is Constant(0), which is there already.
-    return [*constants, *(Periodic(float(c)) for c in range(100, 1001, 100)), Countdown(float(steps))]
 
 
 def _refusal(make: Make, disturbances: Sequence[Disturbance]) -> PerdureError | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -54,7 +53,7 @@ from perdure.runs import (
     versions,
     write_result,
 )
-from perdure.schema import Parquet, checked, printable
+from perdure.schema import Parquet, checked, parquet_bytes, printable
 
 if TYPE_CHECKING:
     import polars as pl
@@ -498,9 +497,8 @@ def evaluate_group(
         )
         for identity, clock, seed in episodes
     ]
-    buffer = io.BytesIO()
-    run_episodes(used, policies, specs, work.report, success=success).write_parquet(buffer)
-    write_result(work.folder / TABLE, buffer.getvalue())
+    rows = run_episodes(used, policies, specs, work.report, success=success)
+    write_result(work.folder / TABLE, parquet_bytes(rows))
 
 
 def _collect(store: Store, keys: Sequence[str], episodes: Sequence[Identity], labels: Sequence[str]) -> pl.DataFrame:

@@ -27,27 +27,8 @@ class EnvState(NamedTuple):
     observations: jax.Array
     """As the world gave them, (n_envs, observation_size), float64."""
     counters: jax.Array
-    """Rows elapsed, horizon, discounted, returns; shape (4, n_envs), float64."""
-
-    @property
-    def elapsed(self) -> jax.Array:
-        """Steps since reset, (n_envs,)."""
-        return self.counters[0]
-
-    @property
-    def horizons(self) -> jax.Array:
-        """Steps the running episode may last, (n_envs,); may be infinite."""
-        return self.counters[1]
-
-    @property
-    def discounted(self) -> jax.Array:
-        """Running discounted reward, whose spread scales the rewards, (n_envs,)."""
-        return self.counters[2]
-
-    @property
-    def returns(self) -> jax.Array:
-        """Undiscounted return of the running episode, (n_envs,)."""
-        return self.counters[3]
+    """Rows: steps since reset; steps the running episode may last, perhaps infinite; running discounted reward, whose
+    spread scales the rewards; undiscounted return of the running episode. Shape (4, n_envs), float64."""
 
 
 class Statistics(NamedTuple):
@@ -147,9 +128,8 @@ def make_collect(
             actions = mean + jnp.exp(params["log_std"]) * draw.noise
             handle, stepped = world.step(handle, jnp.clip(actions.astype(jnp.float64), low, high))
 
-            elapsed, rewards = env_state.elapsed + 1, stepped.rewards
-            discounted, returns = env_state.discounted * gamma + rewards, env_state.returns + rewards
-            counters = jnp.stack([elapsed, env_state.horizons, discounted, returns])
+            (elapsed, horizons, discounted, returns), rewards = env_state.counters, stepped.rewards
+            counters = jnp.stack([elapsed + 1, horizons, discounted * gamma + rewards, returns + rewards])
             done = Ends(stepped.terminated, stepped.truncated, counters[0] >= counters[1]).done
             # Resets leave the program, so they are paid for only when an episode ends.
             observations = jax.lax.cond(
@@ -211,7 +191,7 @@ def update_moments(config: PPOConfig, moments: RunningMoments, env_state: EnvSta
     """Return the moments, updated with the current observation of each environment."""
     observations = env_state.observations
     if config.protocol.normalize_embedding:
-        phi = config.protocol.embed(env_state.elapsed, env_state.horizons)
+        phi = config.protocol.embed(*env_state.counters[:2])
         observations = jnp.concatenate([observations, phi], axis=-1)
     return merge(moments, observations)
 
@@ -227,4 +207,4 @@ def network_inputs(
 
 
 def _current_inputs(config: PPOConfig, now: EnvState, statistics: Statistics) -> jax.Array:
-    return network_inputs(config, statistics.observations, now.observations, now.elapsed, now.horizons)
+    return network_inputs(config, statistics.observations, now.observations, *now.counters[:2])

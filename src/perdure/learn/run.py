@@ -9,10 +9,9 @@ run. A run knows no detail of its algorithm, only the interface `Algorithm`.
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -37,6 +36,7 @@ from perdure.learn.presets import METHODS, ZOO, method_config
 from perdure.policy import Policy, measure_reference, save_policy
 from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, versions, write_atomic
 from perdure.runs.progress import Lines, total_share
+from perdure.schema import parquet_bytes
 
 POLICY = "policy.safetensors"
 """Written last."""
@@ -226,6 +226,8 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
     """
+    import polars as pl
+
     segments = _segments(run.task, run.config, work.threads, run.disturb)
     checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
     if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
@@ -239,8 +241,9 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
         save_checkpoint(state, checkpoint)
     if state.segment < run.config.segments:
         return False
-    _write_table(work.folder / "episodes.parquet", dict(zip(EPISODE_COLUMNS, state.episodes.T, strict=True)))
-    _write_table(work.folder / "iterations.parquet", dict(zip(segments.columns, state.iterations.T, strict=True)))
+    for name, columns in (("episodes", EPISODE_COLUMNS), ("iterations", segments.columns)):  # no wall-clock times
+        curve = pl.DataFrame(dict(zip(columns, getattr(state, name).T, strict=True)))
+        write_atomic(work.folder / f"{name}.parquet", parquet_bytes(curve))
     save_policy(export_policy(run, segments, state), work.folder / POLICY)
     checkpoint.unlink(missing_ok=True)
     return True
@@ -289,7 +292,8 @@ class Segments:
         config, seed, segment = self._config, state.seed, state.segment
         first = segment * config.segment_iterations
         last = min(first + config.segment_iterations, config.iterations)
-        seeds = env_seeds(seed, segment, config.n_envs)
+        # Of the environments: 31-bit numbers that share no simple pattern.
+        seeds = [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(config.n_envs, np.uint32) >> 1]
         learner, episodes, iterations = state.learner, [state.episodes], [state.iterations]
         world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         try:
@@ -319,11 +323,6 @@ class Segments:
 
 _segments = lru_cache(maxsize=1)(Segments)
 """Keeps the compiled programs from segment to segment."""
-
-
-def env_seeds(seed: int, segment: int, n_envs: int) -> list[int]:
-    """Return seeds of the environments of one seed in one segment: 31-bit numbers that share no simple pattern."""
-    return [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(n_envs, np.uint32) >> 1]
 
 
 def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
@@ -396,12 +395,3 @@ def _overrides(config: Any, default: Any, flag: str) -> list[str]:
         else:
             words += [name, str(value)]
     return words
-
-
-def _write_table(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write a learning curve, without wall-clock times."""
-    import polars as pl
-
-    buffer = io.BytesIO()
-    pl.DataFrame(dict(columns)).write_parquet(buffer)
-    write_atomic(path, buffer.getvalue())

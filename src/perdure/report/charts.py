@@ -652,11 +652,9 @@ def _deflate(png: bytes) -> bytes:
     return head + b"".join(struct.pack(">I", len(p) - 4) + p + struct.pack(">I", zlib.crc32(p)) for p in parts)
 
 
-def save(figures: Iterable[Figure], folder: Path, formats: Sequence[Format] = ("png",)) -> None:
-    """Write figures as files named after them into a folder; PerdureError for an unknown format."""
-    for figure in figures:
-        for kind in formats:
-            write_atomic(folder / f"{figure.name}.{kind}", render(figure, kind))
+def save(figures: Iterable[Figure], folder: Path, formats: Sequence[Format] = ("png",)) -> list[Path]:
+    """Write figures as files named after them into a folder, and return these; PerdureError for an unknown format."""
+    return [write_atomic(folder / f"{each.name}.{kind}", render(each, kind)) for each in figures for kind in formats]
 
 
 def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:

@@ -310,17 +310,9 @@ def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
     return [tuple(found[0]), *(tuple(each.values()) for each in found)]
 
 
-_EPISODE = [
-    "policy",
-    "clock",
-    "training seed",
-    "start state",
-    "outcome",
-    "failed at step",
-    "ended at step",
-    "end",
-    "return",
-]
+_EPISODE = (
+    *("policy", "clock", "training seed", "start state", "outcome", "failed at step", "ended at step", "end", "return"),
+)
 
 
 def _episode_rows(item: Estimate) -> Iterator[tuple[str, ...]]:

@@ -11,7 +11,6 @@ and what the writer adds, such as the `command`.
 from __future__ import annotations
 
 import hashlib
-import io
 import math
 import os
 from collections.abc import Callable, Collection, Mapping
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
-from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns
+from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns, parquet_bytes
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "4"
@@ -193,9 +192,8 @@ def write_table(path: str | os.PathLike[str], frame: pl.DataFrame, metadata: Map
     for name, value in metadata.items():
         if name in _RESERVED or not isinstance(value, str):
             raise PerdureError(f"Metadata {name!r} = {value!r} cannot be: values are text, {_RESERVED} are reserved.")
-    buffer, notes = io.BytesIO(), {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata}
-    frame.select(_known(frame.columns)).write_parquet(buffer, metadata={**notes, "seal": _UNSEALED.decode()})
-    return write_atomic(path, sealed(buffer.getvalue()))
+    notes = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION, **metadata, "seal": _UNSEALED.decode()}
+    return write_atomic(path, sealed(parquet_bytes(frame.select(_known(frame.columns)), metadata=notes)))
 
 
 def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, str]]:

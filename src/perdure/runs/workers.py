@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from perdure.errors import PAGE_BYTES, PerdureError, call_pages, did_you_mean, noted_call
 from perdure.runs.files import acquire, release
@@ -87,26 +87,6 @@ def core_count(cores: int | None) -> int:
     return cores or len(os.sched_getaffinity(0))
 
 
-class Workers(Protocol):
-    """Interface of worker processes. Used as a context manager; leaving it ends all of them."""
-
-    @property
-    def free(self) -> int:
-        """Number of units that can be started now."""
-
-    def start(self, root: Path, unit: Unit) -> None:
-        """Begin an attempt at a unit of the store in `root`."""
-
-    def wait(self, seconds: float) -> list[Ended]:
-        """Return the attempts that have ended, waiting for the first one for at most so many seconds."""
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-
-    def __exit__(self, *exception: object) -> None:
-        """End every process."""
-
-
 @dataclass(frozen=True)
 class Ended:
     """A finished attempt at a unit."""
@@ -146,7 +126,7 @@ class LocalWorkers:
 
     @property
     def free(self) -> int:
-        """See `Workers.free`."""
+        """Number of units that can be started now."""
         return len(self._idle) + len(self._places)
 
     def __enter__(self) -> Self:
@@ -157,13 +137,13 @@ class LocalWorkers:
         return self
 
     def start(self, root: Path, unit: Unit) -> None:
-        """See `Workers.start`."""
+        """Begin an attempt at a unit of the store in `root`."""
         process = self._idle.pop() if self._idle else _Process(self._places.pop(0), self._selector)
         self._busy[process] = unit.key
         process.send(str(root), unit, self._cores)
 
     def wait(self, seconds: float) -> list[Ended]:
-        """See `Workers.wait`."""
+        """Return the attempts that have ended, waiting for the first one for at most so many seconds."""
         ended = []
         for selected, _ in self._selector.select(seconds):
             process: _Process = selected.data
@@ -327,7 +307,7 @@ class RayWorkers:
 
     @property
     def free(self) -> int:
-        """See `Workers.free`."""
+        """See `LocalWorkers.free`."""
         total = int(self._ray.cluster_resources().get("CPU", 1)) // self._cores
         return max(0, max(1, total) - len(self._keys))
 
@@ -345,11 +325,11 @@ class RayWorkers:
         return self
 
     def start(self, root: Path, unit: Unit) -> None:
-        """See `Workers.start`."""
+        """See `LocalWorkers.start`."""
         self._keys[self._task.remote(str(root), unit, self._cores)] = unit.key
 
     def wait(self, seconds: float) -> list[Ended]:
-        """See `Workers.wait`."""
+        """See `LocalWorkers.wait`."""
         ready, _ = self._ray.wait(list(self._keys), num_returns=len(self._keys), timeout=seconds)
         ended = []
         for reference in ready:
@@ -368,6 +348,10 @@ class RayWorkers:
         self._keys.clear()
         if self._mine:
             self._ray.shutdown()
+
+
+Workers = LocalWorkers | RayWorkers
+"""What runs units; used as a context manager, whose end ends all processes."""
 
 
 # Idle cores
