@@ -1,5 +1,7 @@
 """Disturbances against closed forms and against the same world without them."""
 
+from types import SimpleNamespace
+
 import gymnasium
 import mujoco
 import numpy as np
@@ -10,6 +12,8 @@ from perdure.envs import make_world
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.gymnasium import GymnasiumWorld
 from perdure.errors import PerdureError
+from perdure.policy import TaskInfo
+from perdure.policy.closed_loop import check_fit
 from perdure.wrappers import Disturb
 
 
@@ -154,6 +158,7 @@ def test_gymnasiums_copy_makes_the_same_steps_as_envpool(task):
     copy.reset()
     env = copy.environments[0].unwrapped
     state = np.concatenate([np.zeros(HIDDEN[task.split("-")[0]]), shown])[: env.model.nq + env.model.nv]
+    check_fit(SimpleNamespace(task=TaskInfo.of(pool.spec)), copy)
     steps = 8
     if task.startswith("Humanoid"):  # its solver (PGS) stops at 1e-8, each version of MuJoCo elsewhere; then it drifts
         env.model.opt.tolerance, steps = 0.0, 2

@@ -195,7 +195,9 @@ def check_fit(policy: PolicyLike, world: World) -> None:
         PerdureError: If observation or action sizes, or the action range, differ.
     """
     spec, task = world.spec, policy.task
-    same_range = np.array_equal(task.action_low, spec.action_low) and np.array_equal(task.action_high, spec.action_high)
+    ranges = (task.action_low, task.action_high), (spec.action_low, spec.action_high)
+    # Gymnasium's bounds are of single precision: -0.4 is not -0.4 there.
+    same_range = task.action_size == spec.action_size and np.allclose(*ranges, rtol=1e-6, atol=0.0)
     if task.discrete_actions != spec.discrete_actions:
         kinds = [("discrete" if each else "continuous") for each in (task.discrete_actions, spec.discrete_actions)]
         raise PerdureError(f"a policy for {task.name} has {kinds[0]} actions, those of {spec.name} are {kinds[1]}")
