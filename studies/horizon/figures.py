@@ -85,14 +85,16 @@ def style(condition: Condition) -> Style:
 
 
 def _interval_note(intervals: Collection[Interval], what: str) -> str:
-    """Return the kind of the intervals and the number of training runs as text."""
+    """Return the kind of the intervals and the number of their units as text."""
     many = [each for each in intervals if each.count >= FEWEST_FOR_INTERVAL]
     if not many:
         return f"No intervals: fewer than {FEWEST_FOR_INTERVAL} training runs."
     counts = sorted({each.count for each in many})
     runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    units = "training runs" if many[0].label == TRAINING_SEEDS else "start states of one training run"
+    fewer = "" if len(many) == len(intervals) else "; none where there are fewer"
     methods = " or ".join(dict.fromkeys(each.method for each in many))
-    return f"{what}: pointwise 95 % intervals ({methods}), n = {runs} training runs."
+    return f"{what}: pointwise 95 % intervals ({methods}), n = {runs} {units}{fewer}."
 
 
 def _curve(
@@ -126,14 +128,6 @@ def _deployed(results: Results, setting: str, conditions: Sequence[Condition]) -
     return [_Deployed(c, e, np.array(e["curve_steps"][0], np.float64)) for c, e in found if not e.is_empty()]
 
 
-def _steps_axis(found: Sequence[_Deployed]) -> Axis:
-    return Axis("steps since the reset", log=True, low=float(found[0].steps[0]), high=float(found[0].steps[-1]))
-
-
-def _episodes(found: Sequence[_Deployed]) -> str:
-    return wording.sample([len(each.episodes) for each in found], "episode")
-
-
 def _markers(found: Sequence[_Deployed]) -> tuple[Marker, ...]:
     low, high = found[0].steps[0], found[0].steps[-1]
     horizons = sorted({at for each in found if low < (at := float(each.episodes["train_horizon"][0])) < high})
@@ -144,9 +138,9 @@ def _reward_figure(
     setting: str, found: Sequence[_Deployed], curves: Sequence[Curve], name: str, title: str, bars: str
 ) -> Figure:
     """Return a figure of the mean reward per step so far."""
-    chart = curve_chart(
-        curves, _steps_axis(found), Axis(f"mean reward per step so far ({_episodes(found)})"), markers=_markers(found)
-    )
+    x = Axis("steps since the reset", log=True, low=float(found[0].steps[0]), high=float(found[0].steps[-1]))
+    episodes = wording.sample([len(each.episodes) for each in found], "episode")
+    chart = curve_chart(curves, x, Axis(f"mean reward per step so far ({episodes})"), markers=_markers(found))
     note = f"{SO_FAR} {_interval_note([each.returns for each in found], bars)}"
     return Figure(slug(name, setting), title, chart, note, setting_words(setting))
 

@@ -20,7 +20,6 @@ PHASES = {
     4: "ten workers, short episodes on more tasks",
     5: "Humanoid, three methods, coarser C",
 }
-DEFAULT_PHASES = (1, 2, 3)
 
 METHODS = {
     "ppo": "discounted PPO",
@@ -42,7 +41,8 @@ THESIS_METHODS = ("ppo", "ppo-undiscounted", "linear", "geometric")
 CONTROLS = ("random-horizon", "geometric-fixed", "linear-random", "ppo-average-reward")
 SWEPT = ("geometric", "geometric-fixed")
 """Methods whose input depends on C."""
-LINEAR_METHODS = ("linear", "linear-random", "linear-10-workers")
+WORKERS = ("linear-10-workers",)
+LINEAR_METHODS = ("linear", "linear-random", *WORKERS)
 """Methods to which every constant C > 0 is the same input, phi = 1."""
 
 MAIN_SETTINGS = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3@cleanrl", "Swimmer-v3", "Walker2d-v3@cleanrl")
@@ -140,19 +140,18 @@ THESIS_ROWS = (
     *_rows(("Ant-v3",), ZOO, THESIS_METHODS, 5, 2),
     *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, CONTROLS, 3, 3),
     *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, CONTROLS, 3, 3),
-    *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, ("linear-10-workers",), 3, 4),
-    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, ("ppo-short", "linear-10-workers"), 3, 4),
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, ("ppo-short",), 3, 4),
     *_rows(("Ant-v3",), ZOO, ("ppo-short",), 3, 4),
-    *_rows(("Humanoid-v3",), ZOO, ("ppo", "ppo-undiscounted", "geometric"), 3, 5),
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, WORKERS, 3, 4, without=WORKERS),
+    *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, WORKERS, 3, 4, without=WORKERS),
+    *_rows(("Humanoid-v3",), ZOO, ("ppo", "ppo-undiscounted", "geometric"), 1, 5),
 )
 LAPTOP_ROWS = (
     *_rows(("Hopper-v3",), CLEANRL, (*THESIS_METHODS, "random-horizon", "geometric-fixed"), 5, 1),
     *_rows(("HalfCheetah-v3",), ZOO, ("ppo", "ppo-short", "geometric"), 5, 1),
     *_rows(("Walker2d-v3",), CLEANRL, ("ppo", "ppo-undiscounted", "geometric"), 3, 1),
 )
-SMOKE_ROWS = (
-    *_rows(("InvertedPendulum-v4",), ZOO, (*THESIS_METHODS, "ppo-short", "linear-10-workers", *CONTROLS), 2, 1),
-)
+SMOKE_ROWS = _rows(("InvertedPendulum-v4",), ZOO, (*THESIS_METHODS, "ppo-short", *WORKERS, *CONTROLS), 2, 1)
 
 GRIDS = {
     grid.name: grid

@@ -264,7 +264,7 @@ class Results:
         if rule in ("chosen", "chosen periodic"):
             swept = self.of(**of_row, split=VALIDATION)
             return cross_validated(swept.filter(clock_kind="constant" if rule == "chosen" else "periodic"))
-        if rule in ("value", "bandit"):
+        if rule == "bandit":
             return dict(self.rules.filter(rule=rule, **of_row).select("train_seed", "clock").iter_rows())
         row = self.grid.row(**of_row)
         if rule == "best":

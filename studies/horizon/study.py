@@ -22,11 +22,11 @@ from perdure.horizon import Constant
 from perdure.learn import PPOConfig, method_config
 from perdure.policy import load_policy, save_policy
 from perdure.report import read_table
-from perdure.report.charts import render
-from perdure.runs import Store, Unit, Work, write_atomic
+from perdure.report.charts import save
+from perdure.runs import Store, Unit, Work
 from perdure.runs.progress import total_share
 from studies.files import include_tables, read_parquet_file, write_csv
-from studies.horizon.grid import DEFAULT_PHASES, GRIDS, SWEPT, Grid, Row, make_grid
+from studies.horizon.grid import GRIDS, PHASES, SWEPT, Grid, Row, make_grid
 from studies.horizon.results import (
     CLOCKS,
     EPISODES,
@@ -45,13 +45,9 @@ if TYPE_CHECKING:
     from perdure.learn.run import TrainRun
 
 QUESTION = "Does a policy trained in finite episodes hold for 100,000 steps, and does a constant time-to-go help?"
-SCALES = {
-    "smoke": None,
-    "laptop": None,
-    "thesis": Path("results", "horizon"),
-}
+SCALES = {"smoke": None, "laptop": None, "thesis": Path("results", "horizon")}
 """Name of a scale to the folder of its results, if they are kept in the repository."""
-PHASES = DEFAULT_PHASES
+__all__ = ["PHASES", "QUESTION", "SCALES", "analyze", "collect", "plan"]
 POLICY, TABLE = "policy.safetensors", "episodes.parquet"
 EVALUATION, MECHANISM, RULES = "evaluation", "mechanism", "clocks"
 """Stages after the training: the beginning of the keys of their units."""
@@ -178,7 +174,6 @@ def analyze(scale: str, out: Path) -> list[Path]:
         raise PerdureError(f"there are no results of the study horizon in {out}; run it first, or name another --out")
     results = read_results(GRIDS[scale], out)
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in all_tables(results).items()]
-    for figure in all_figures(results):
-        written.append(write_atomic(out / "figures" / f"{figure.name}.svg", render(figure, "svg")))
+    written += save(all_figures(results), out / "figures", ("svg",))
     page = out / "README.md"
     return [*written, include_tables(page, page_tables(results))] if page.is_file() else written

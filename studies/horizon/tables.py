@@ -76,7 +76,7 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
     if not chosen or swept.is_empty():
         return
     cost = {"chosen": float(swept["end_step"].sum()) / len(row.seeds)}
-    for rule in ("chosen", "value", "bandit"):
+    for rule in ("chosen", "bandit"):
         returns = results.values(row.setting, Condition(row.method, rule))
         used = results.rules.filter(rule=rule, **mine)
         if not returns:

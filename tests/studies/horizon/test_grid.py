@@ -8,13 +8,12 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.learn import METHODS
 from perdure.policy import load_policy
-from studies.horizon.grid import DEFAULT_PHASES, GRIDS, PHASES, make_grid
+from studies.horizon.grid import GRIDS, PHASES, make_grid
 from studies.horizon.results import LEARNING
 from studies.horizon.study import grid_units, plan, row_config
 
 POLICIES = Path(__file__).parents[3] / "results" / "horizon" / "policies"
-THESIS = make_grid("thesis", DEFAULT_PHASES)
-EVERYTHING = make_grid("thesis", tuple(PHASES))
+THESIS = make_grid("thesis", tuple(PHASES))
 
 
 EVALUATED = [row for row in THESIS.rows if row.evaluated]
