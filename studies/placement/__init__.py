@@ -4,6 +4,6 @@
 |---|---|
 | `grid.py` | the rows: task, release strategy, split, world, seeds |
 | `tables.py` | the committed tables, the rows of new logs, tables of the pages |
-| `figures.py` | strategies by world; placements that stay by release speed |
+| `figures.py` | success by rolling resistance; placements that stay by release speed |
 | `study.py` | units of work; analysis |
 """
