@@ -31,8 +31,8 @@ DEAD_ZONE = 0.15
 HAND_STEP = 0.015
 """What an action of 1 moves the hand by in one control step in [m]; less where a joint would move by over 0.025 rad: at
 rest 6 mm forward, 13 mm sideways, 8 mm downward."""
-GENTLE_LOG_STD, GENTLE_FALL = -3.0, (0.1, 0.5)
-"""The noise in a training with `gentle`, see `Recipe`: at e^-3 98 % of all steps rest in the dead zone, at e^-2 6 %."""
+GENTLE_LOG_STD = -3.0
+"""The noise at the end of a training with `gentle`: at e^-3 98 % of all steps rest in the dead zone, at e^-2 6 %."""
 
 CARRIED = obs.ObservationTerm(
     (
@@ -129,7 +129,7 @@ class Place(Skill):
     def recipe_on(self, task: str) -> Recipe:
         """See `Skill.recipe_on`; less noise at the end where the release counts."""
         usual = super().recipe_on(task)
-        return replace(usual, log_std_end=GENTLE_LOG_STD, log_std_fall=GENTLE_FALL) if self.gentle else usual
+        return replace(usual, log_std_end=GENTLE_LOG_STD) if self.gentle else usual
 
     def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
         """See `Skill.observation_terms`."""
