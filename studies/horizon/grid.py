@@ -140,9 +140,8 @@ THESIS_ROWS = (
     *_rows(("Ant-v3",), ZOO, THESIS_METHODS, 5, 2),
     *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, CONTROLS, 3, 3),
     *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, CONTROLS, 3, 3),
-    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, ("ppo-short",), 3, 4),
     *_rows(("Ant-v3",), ZOO, ("ppo-short",), 3, 4),
-    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, WORKERS, 3, 4, without=WORKERS),
+    *_rows(("Hopper-v3", "Walker2d-v3"), CLEANRL, ("ppo-short", *WORKERS), 3, 4, without=WORKERS),
     *_rows(("HalfCheetah-v3", "Swimmer-v3", "Ant-v3"), ZOO, WORKERS, 3, 4, without=WORKERS),
     *_rows(("Humanoid-v3",), ZOO, ("ppo", "ppo-undiscounted", "geometric"), 1, 5),
 )

@@ -69,7 +69,7 @@ class OpenEnv:
             yield self.make([seeds[k] for k in group])
 
     def groups(self, count: int) -> list[list[int]]:
-        """Return numbers 0 to count - 1 in groups of one world; the last number is repeated where lanes are fixed."""
+        """Return numbers 0 to count - 1 in groups, one for each world; the last is repeated where lanes are fixed."""
         size = self.lanes or MOST_LANES
         groups = [list(range(first, min(first + size, count))) for first in range(0, count, size)]
         if self.lanes is not None:

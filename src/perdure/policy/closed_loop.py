@@ -202,10 +202,12 @@ def check_fit(policy: PolicyLike, world: World) -> None:
         kinds = [("discrete" if each else "continuous") for each in (task.discrete_actions, spec.discrete_actions)]
         raise PerdureError(f"a policy for {task.name} has {kinds[0]} actions, those of {spec.name} are {kinds[1]}")
     if task.observation_size != spec.observation_size or not same_range:
-        raise PerdureError(
-            f"a policy for {task.name} (observations of {task.observation_size}, actions of {task.action_size}) cannot "
-            f"act in {spec.name} (observations of {spec.observation_size}, actions of {spec.action_size})"
-        )
+        shown = [
+            (each.observation_size, each.action_size, min(each.action_low), max(each.action_high))
+            for each in (task, spec)
+        ]
+        kinds = ["observations of {}, actions of {} from {:g} to {:g}".format(*each) for each in shown]
+        raise PerdureError(f"a policy for {task.name} ({kinds[0]}) cannot act in {spec.name} ({kinds[1]})")
 
 
 # Use any function observations -> actions as a policy.

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -11,6 +12,7 @@ from polars.testing import assert_frame_equal
 from perdure.policy import load_policy
 from perdure.report.charts import render
 from studies.files import include_tables, read_parquet_file, write_csv
+from studies.horizon.claims import effect, read_claims
 from studies.horizon.figures import all_figures
 from studies.horizon.grid import GRIDS
 from studies.horizon.results import read_results
@@ -94,6 +96,12 @@ def test_the_answer_says_what_the_tables_say_and_is_the_same_on_three_pages(resu
     assert "on Hopper, where most of its runs hardly walk)." in answer
     episodes = results.episodes["split"].value_counts()
     assert sorted(episodes["count"]) == [2350, 14160]
+
+
+def test_on_ant_alone_short_episodes_decide_nothing(results):
+    claim = next(each for each in read_claims() if each.left == "ppo-short" and "Ant-v3" in each.tasks)
+    lower = {task: effect(replace(claim, tasks=(task,)), results.values) for task in claim.tasks}
+    assert [task for task, found in lower.items() if found.upper < 0.0] == ["Hopper-v3@cleanrl", "Walker2d-v3@cleanrl"]
 
 
 def test_committed_policies_hold_actors_alone_and_can_be_deployed():
