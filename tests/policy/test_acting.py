@@ -80,7 +80,7 @@ def test_a_modulated_layer_is_the_equation_of_the_paper():
     sums = seen @ w["policy.0.weight"] + w["policy.0.bias"]
     hidden = np.tanh((1 + phi @ w["policy.0.scale"]) * sums + phi @ w["policy.0.shift"])
     expected = np.clip(hidden @ w["policy.1.weight"] + w["policy.1.bias"], -1, 1)
-    found = policy.act_with(OBSERVATIONS, phi)
+    found = policy.act_from(policy.inputs(OBSERVATIONS, phi))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
     unmodulated = np.clip(np.tanh(sums) @ w["policy.1.weight"] + w["policy.1.bias"], -1, 1)
     assert np.abs(found - unmodulated).max() > 0.1, "the control: modulation matters here"

@@ -14,6 +14,7 @@ import pytest
 from perdure.errors import PerdureError, note_call
 from perdure.runs import LocalWorkers, Store, Unit, make_workers, progress, read_unit_progress, run_missing, workers
 from perdure.runs.progress import show_progress
+from perdure.runs.run import UnitProgress
 
 HERE = Path(__file__).parent
 
@@ -181,6 +182,18 @@ def test_without_a_terminal_a_line_is_printed_every_half_minute(tmp_path, monkey
     printed = capsys.readouterr().err.splitlines()
     assert "test  0%  0 of 2 done" in printed[0]
     assert "test  100%  2 of 2 done" in printed[-1]
+
+
+def test_what_was_done_before_a_resume_is_not_work_of_this_command(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("perdure.runs.progress.LINE_SECONDS", 0.0)
+    with show_progress("test", "steps") as observe:
+        observe({"a": UnitProgress("waiting", total=1000.0)})
+        observe({"a": UnitProgress("running", 300.0, 1000.0)})  # from its checkpoint
+        now[0] = 60.0
+        observe({"a": UnitProgress("running", 400.0, 1000.0)})
+    assert "test  40%  2 steps/s  6 min left" in capsys.readouterr().err.splitlines()[-1]
 
 
 ASKS = """

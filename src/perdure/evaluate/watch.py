@@ -26,6 +26,7 @@ import numpy as np
 from perdure.disturbances import Disturbance, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
+from perdure.envs.envpool import STEP_SECONDS
 from perdure.envs.gymnasium import call, engine_of, make_env
 from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
@@ -68,9 +69,6 @@ BODY = 1
 AZIMUTH, ELEVATION = 90.0, -15.0
 """From the side on which Gymnasium's robots run to the right, in degrees."""
 
-ENVPOOL = ("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "InvertedDoublePendulum", "InvertedPendulum",
-           "Pusher", "Reacher", "Swimmer", "Walker2d")  # fmt: skip
-"""EnvPool's tasks that Gymnasium has under the same name."""
 VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
 """EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
 
@@ -227,10 +225,10 @@ def find_render_env(task: str) -> RenderEnv:
     if task.startswith(GYMNASIUM_PREFIX) or is_contract(task):
         return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))
     robot, _, version = task.partition("-")
-    if robot not in ENVPOOL or version not in VERSIONS:
+    if robot not in STEP_SECONDS or version not in VERSIONS:
         raise PerdureError(
-            f"{task} cannot be filmed; films exist for {', '.join(ENVPOOL)}, and for environments of Gymnasium that "
-            "render rgb_array (gymnasium:ID); for the home benchmark, see perdure home video"
+            f"{task} cannot be filmed; films exist for {', '.join(STEP_SECONDS)}, and for environments of Gymnasium "
+            "that render rgb_array (gymnasium:ID); for the home benchmark, see perdure home video"
         )
     name = SIMULATED.get(f"{robot}-{version}".replace("v2", "v3"), f"{robot}-{VERSIONS[version]}")
     return RenderEnv(name.removeprefix(GYMNASIUM_PREFIX))

@@ -144,12 +144,7 @@ class Policy:
 
     def act_at(self, observations: ArrayLike, elapsed: ArrayLike, horizons: ArrayLike) -> FloatArray:
         """Act like :meth:`act`, with the output of a clock: phi(elapsed, horizons), shapes (n,)."""
-        return self.act_with(observations, self.embed(elapsed, horizons))
-
-    def act_with(self, observations: ArrayLike, phi: FloatArray) -> FloatArray:
-        """Act like :meth:`act`, with phi from :meth:`embed`, shape (n, embedding_size)."""
-        actions: FloatArray = self.act_from(self.inputs(observations, phi))
-        return actions
+        return np.asarray(self.act_from(self.inputs(observations, self.embed(elapsed, horizons))))
 
     def act_from(self, inputs: Any) -> Any:
         """Act like :meth:`act`, from what :meth:`inputs` returns, or from a value of it in an ONNX graph."""
@@ -267,7 +262,8 @@ class PolicyEpisodes:
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
         """See `ActingEpisodes.act`."""
-        return self._policy.act_with(observations, self._embed(elapsed) if self._phi is None else self._phi)
+        phi = self._embed(elapsed) if self._phi is None else self._phi
+        return np.asarray(self._policy.act_from(self._policy.inputs(observations, phi)))
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
         """See `ActingEpisodes.keep`."""

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import cache
 
 from perdure.errors import call_pages, noted_call
-from perdure.runs.run import Observer, Status
+from perdure.runs.run import Observer, Status, UnitProgress
 
 LINE_SECONDS = 30.0
 """Seconds between lines if there is no terminal."""
@@ -28,7 +28,7 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         measure: What units count as done, such as "steps", to show how many a second; not shown by default.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn
 
     _watch_calls()
     console = Console(stderr=True)
@@ -38,13 +38,13 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         lines.close()
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"))
-    bar, rate = Progress(*columns, TimeRemainingColumn(), console=console), _Rate(measure)
+    bar, pace = Progress(*columns, console=console), _Pace(measure)
     task = bar.add_task(title, total=1.0, words="")
 
     def draw(status: Status) -> None:
         bar.start()  # at the first report: an error before it leaves no bar
-        share = total_share(status)
-        bar.update(task, completed=share, words=f"{share:4.0%}  {_words(status, rate)}")
+        pace.note(status)
+        bar.update(task, completed=total_share(status), words=_words(status, pace))
 
     try:
         yield draw
@@ -75,16 +75,14 @@ class Lines:
     def __init__(self, title: str, measure: str) -> None:
         """Keep what runs, and what units count; see `show_progress`."""
         _watch_calls()
-        self._title, self._rate = title, _Rate(measure)
+        self._title, self._pace = title, _Pace(measure)
         self._began = self._printed = time.monotonic()
-        self._first_share: float | None = None
         self._status: Status = {}
 
     def __call__(self, status: Status) -> None:
         """See `Observer`."""
         self._status = status
-        if self._first_share is None:
-            self._first_share = total_share(status)
+        self._pace.note(status)
         if time.monotonic() - self._printed >= LINE_SECONDS:
             self._print()
 
@@ -95,28 +93,33 @@ class Lines:
 
     def _print(self) -> None:
         self._printed = time.monotonic()
-        share = total_share(self._status)
-        made, elapsed = share - (self._first_share or 0.0), self._printed - self._began
-        left = f"  {_duration(elapsed * (1 - share) / made)} left" if made > 0 and share < 1 else ""
-        words = _words(self._status, self._rate)
-        print(f"{time.strftime('%H:%M:%S')}  {self._title}  {share:.0%}  {words}{left}", file=sys.stderr, flush=True)
+        words = _words(self._status, self._pace)
+        print(f"{time.strftime('%H:%M:%S')}  {self._title}  {words}", file=sys.stderr, flush=True)
 
 
-class _Rate:
-    """Work per second since the first report, so that compilation does not count."""
+class _Pace:
+    """Work since the first report: neither compilation counts nor what a unit had done before it was resumed."""
 
     def __init__(self, measure: str) -> None:
         self._measure = measure
-        self._first: tuple[float, float] | None = None
+        self._before: dict[str, UnitProgress] = {}
+        self._began = 0.0
 
-    def words(self, status: Status) -> str:
-        done, now = sum(each.done for each in status.values()), time.monotonic()
-        if not self._measure or not done:
-            return ""
-        if self._first is None or done < self._first[0]:
-            self._first = done, now
-        made, elapsed = done - self._first[0], now - self._first[1]
-        return f"{made / elapsed:,.0f} {self._measure}/s" if made and elapsed else ""
+    def note(self, status: Status) -> None:
+        first = not self._before
+        self._began = time.monotonic() if first else self._began
+        known = {key: each for key, each in status.items() if each.share and (first or each.state == "running")}
+        self._before = known | self._before
+
+    def words(self, status: Status) -> tuple[str, str]:
+        """Return the work per second and the time left; "" where they are not known."""
+        elapsed, nothing = time.monotonic() - self._began, UnitProgress("waiting")
+        pairs = [(each, self._before.get(key, nothing)) for key, each in status.items()]
+        share = sum(each.size * (each.share - before.share) for each, before in pairs)
+        left = sum(each.size * (1 - each.share) for each, _ in pairs)
+        done = sum(each.done - before.done for each, before in pairs)
+        rate = f"{done / elapsed:,.0f} {self._measure}/s" if self._measure and done > 0 and elapsed else ""
+        return rate, f"{_duration(elapsed * left / share)} left" if share > 0 and left else ""
 
 
 def total_share(status: Status) -> float:
@@ -133,7 +136,7 @@ def count_states(status: Status) -> str:
     return ", ".join([f"{states.count('finished')} of {len(states)} done", *others])
 
 
-def _words(status: Status, rate: _Rate) -> str:
+def _words(status: Status, pace: _Pace) -> str:
     many = len(status) > 1 or any(each.state == "busy" for each in status.values())
     facts: dict[str, list[float]] = {}
     for each in status.values():
@@ -141,7 +144,9 @@ def _words(status: Status, rate: _Rate) -> str:
             if math.isfinite(value):
                 facts.setdefault(name.replace("_", " "), []).append(value)
     shown = [f"{name} {sum(values) / len(values):,.4g}" for name, values in facts.items()]
-    return "  ".join(each for each in (count_states(status) if many else "", rate.words(status), *shown) if each)
+    rate, left = pace.words(status)
+    parts = (f"{total_share(status):.0%}", count_states(status) if many else "", rate, *shown, left)
+    return "  ".join(filter(None, parts))
 
 
 def _duration(seconds: float) -> str:
