@@ -252,8 +252,11 @@ class Disturber:
             model, data = getattr(env.unwrapped, "model", None), getattr(env.unwrapped, "data", None)
             if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
                 change_model(model, self._of)
-                if "time_step" in self._of:
-                    env.unwrapped.frame_skip = round(env.unwrapped.frame_skip / self._of["time_step"])
+                if level := self._of.get("time_step"):
+                    steps = env.unwrapped.frame_skip
+                    env.unwrapped.frame_skip = round(steps / level)
+                    if abs(env.unwrapped.frame_skip * level - steps) > 1e-6:  # the policy would act more or less often
+                        raise PerdureError(f"{name}: time_step:{level:g} is not {steps} divided by a whole number")
                 if {"mass", "payload"} & self._of.keys():
                     mujoco.mj_setConst(model, data)  # quantities that MuJoCo derives from masses
                 found.append((data, horizontal_velocities(model) if "push" in self._of else np.zeros(0, np.int64)))

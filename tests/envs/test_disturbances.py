@@ -136,6 +136,14 @@ def test_half_the_time_step_keeps_the_control_rate():
     world.close()
 
 
+@pytest.mark.parametrize(("task", "level"), [("HalfCheetah-v4", 2.0), ("Hopper-v4", 3.0), ("Hopper-v4", 10.0)])
+def test_a_time_step_that_changes_the_control_rate_is_refused(task, level):
+    world = make_world(f"gymnasium:{task}", [0])
+    with pytest.raises(PerdureError, match=rf"time_step:{level:g} is not \d divided by a whole number"):
+        DisturbedWorld(world, [parse_disturbance(f"time_step:{level:g}")], [0])
+    world.close()
+
+
 def test_factors_change_the_model():
     calm, heavy = make_world("gymnasium:Hopper-v4", [0]), make_world("gymnasium:Hopper-v4", [0])
     DisturbedWorld(heavy, [parse_disturbance(text) for text in ("mass:1.2", "friction:0.5", "strength:0.9")], [0])

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+from gymnasium.wrappers import TimeLimit
 from probes import Cue, Dial, Falling
 from scripted import policy_for
 
@@ -144,9 +145,11 @@ class TestEnvironments:
             return gymnasium.make(LIMITED)
 
         vector = SyncVectorEnv([limited] * 3)
+        wrapped = [lambda: TimeLimit(Falling(), 10)]  # it has no spec
+        wrapped.append(AsyncVectorEnv(wrapped * 2))
         tables = [
             extrapolate(still, env, steps=70, eval_seeds=4)
-            for env in (LIMITED, f"gymnasium:{LIMITED}", limited, vector, AsyncVectorEnv([limited] * 2))
+            for env in (LIMITED, f"gymnasium:{LIMITED}", limited, vector, AsyncVectorEnv([limited] * 2), *wrapped)
         ]
         lasts = tables[0].final()["end_step"].to_list()
         assert max(lasts) > 10, "beyond the limit"

@@ -34,6 +34,7 @@ from perdure.evaluate.watch import (
 from perdure.film import GAP, RED, strip_height
 from perdure.horizon import Constant
 from perdure.policy import find_policy, load_policy, save_policy
+from perdure.policy.onnx import export_onnx
 from perdure.report import write_report
 from perdure.report.page import STILLS
 
@@ -299,6 +300,14 @@ class TestStills:
         assert not self.drawn(failing, tmp_path, frame).exists()
         page = write_report(failing[1].frame, tmp_path, "", (), stills=tmp_path / STILLS).read_text()
         assert '<img alt="A failure' not in page
+
+    def test_show_a_model_whose_noise_has_the_spread_of_observations_in_training(self, tmp_path):
+        model = tmp_path / "walker.onnx"
+        export_onnx(load_policy(find_policy("Hopper-v3/ppo")), model)
+        disturb, env = ("observation_noise:0.1", "push:0.5"), "gymnasium:Hopper-v4"
+        asked = Extrapolation((model,), 1000, eval_seeds=2, disturb=disturb, env=env)
+        result = evaluate_files(asked, tmp_path, on="here", cores=1)
+        assert self.drawn((model, result), tmp_path).exists()
 
     def test_there_are_none_of_another_policy(self, failing, tmp_path, policy):
         other = save_policy(replace(policy, provenance={}), tmp_path / "other.safetensors")

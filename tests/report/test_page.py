@@ -375,6 +375,8 @@ class TestFigures:
         assert rows(two["return-against-c"], "line") == []
         assert [row["x"] for row in rows(two["return-against-c"], "point", opacity=1)] == [0.0, 1.0]
         assert [row["x"] for row in rows(three["return-against-c"], "line")] == [0.0, 1.0, 2.0]
+        endless, _ = drawn(synthetic([*some, {"clock": "constant(inf)"}]))
+        assert [row["x"] for row in rows(endless["return-against-c"], "line")] == [0.0, 1.0, 2.0]
 
     def test_the_training_horizon_is_marked_where_it_is_on_the_axis(self, synthetic):
         found, _ = drawn(half_fall(synthetic))
@@ -483,6 +485,15 @@ def test_a_sweep_says_up_to_which_level_nine_in_ten_episodes_hold(synthetic, las
     assert f"geometric, always 500 steps to go: {sentence}" in summary_text(table)
 
 
+def test_factors_below_and_above_1_are_sweeps_of_their_own(synthetic):
+    levels = {0.8: 5000, 0.9: 5000, 1.1: math.inf, 1.2: math.inf}
+    found = summary_text(
+        synthetic([{"disturbance": f"mass:{each}", "ends": [end] * 8} for each, end in levels.items()])
+    )
+    assert "hold under mass at none of these levels (tried: 0.9, 0.8)" in found
+    assert "hold under mass up to 1.2 (tried: 1.1, 1.2)" in found
+
+
 def test_a_level_without_a_verdict_decides_nothing_in_a_sweep(synthetic):
     def sweep(*outcomes):
         levels = zip((0.1, 0.2, 0.3), outcomes, strict=False)
@@ -495,9 +506,13 @@ def test_a_level_without_a_verdict_decides_nothing_in_a_sweep(synthetic):
     assert "nine in ten" not in sweep("unknown", "unknown")
 
 
-def test_the_page_names_the_policy_file_to_watch(synthetic, tmp_path):
+def test_the_page_names_the_policy_file_to_watch_and_how_it_failed(synthetic, tmp_path):
     """A model of another library was imported beside the table."""
-    assert "perdure watch POLICY --until" in write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
+    conditions = [{"clock": "none"}, {"clock": "none", "disturbance": "push:0.5 mass:1.1", "ends": [5000] * 8}]
+    page = write_report(synthetic(conditions), tmp_path, "x", ()).read_text()
+    assert "watch POLICY --until-failure --steps 100000 --disturb push:0.5 mass:1.1 --out failure.mp4" in page
+    page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
+    assert "watch POLICY --until-failure --steps 100000 --clock constant:500 --out failure.mp4" in page
     (tmp_path / "imported").mkdir()
     (model := tmp_path / "imported" / "a.safetensors").touch()
     assert f"perdure watch {model} --until" in write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()

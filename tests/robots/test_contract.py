@@ -21,7 +21,7 @@ MJLAB = {
     "observation_names": "base_ang_vel,joint_pos,actions",
     "observation_terms_scale": "0.250,1.000;2.000,1.000",
     "observation_terms_clip": "-inf;inf,-1.000;1.000,-inf;inf",
-    "observation_terms_history_length": "3,0,1",
+    "observation_terms_history_length": "3.000,0.000,1.000",
     "action_scale": "0.250",
 }
 """As mjlab 1.6 writes it (`mjlab.rl.exporter_utils`)."""

@@ -57,7 +57,10 @@ RESUMING = ("train", "extrapolate", "home train", "home run")
 
 def resumes(args: Sequence[str]) -> bool:
     """Return whether the same command line continues after an interruption."""
-    return " ".join(args[: 2 if args and args[0] == "home" else 1]) in RESUMING
+    from perdure.cli.subjects import is_function
+
+    command = " ".join(args[: 2 if args and args[0] == "home" else 1])
+    return command in RESUMING and not any(map(is_function, args[1:2]))
 
 
 def example(command: str) -> str:

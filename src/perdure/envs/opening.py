@@ -83,7 +83,7 @@ def _factory(factory: Callable[[], Any]) -> OpenEnv:
     probe = call("env", "the factory", factory)
     if not isinstance(probe, Env):
         raise PerdureError(f"{KINDS}; this function returned {type(probe).__name__}")
-    limit, title = getattr(probe.spec, "max_episode_steps", None), title_of(probe)
+    limit, title = min((steps for _, steps in lift(probe)), default=None), title_of(probe)
     probe.close()
 
     def build() -> Any:
@@ -133,9 +133,11 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
     """Lift the limits of environments in other processes for the duration of a block; refuse other limits."""
     from gymnasium.vector import AsyncVectorEnv
 
-    remote = isinstance(vector.unwrapped, AsyncVectorEnv)
-    spec = vector.unwrapped.get_attr("spec")[0] if remote else vector.spec
-    limit = getattr(spec, "max_episode_steps", None)
+    name, remote = "_max_episode_steps", isinstance(vector.unwrapped, AsyncVectorEnv)
+    if not remote:
+        limit = getattr(vector.spec, "max_episode_steps", None)
+    else:
+        limit = vector.unwrapped.get_attr(name)[0] if vector.unwrapped.call("has_wrapper_attr", name)[0] else None
     if limit is None:
         yield None
         return
@@ -144,8 +146,8 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
             f"{title_of(vector)}: this VectorEnv ends episodes after {limit} steps; build it with a max_episode_steps "
             "beyond the steps asked for, and give the limit as training_horizon"
         )
-    vector.unwrapped.set_attr("_max_episode_steps", NEVER)
+    vector.unwrapped.set_attr(name, NEVER)
     try:
         yield int(limit)
     finally:
-        vector.unwrapped.set_attr("_max_episode_steps", int(limit))
+        vector.unwrapped.set_attr(name, int(limit))

@@ -56,7 +56,7 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
     ):
         raise PerdureError(f"{path} exists and is no model card of this policy; name another file with --out")
     files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
-    (estimates,) = estimate_table(_rows_of(file, frame, files, str(table))).values()
+    (estimates,) = estimate_table(frame, _rows_of(file, frame, files, str(table))).values()
     write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", "")))
     return path
 
@@ -96,13 +96,13 @@ def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command
     return "\n\n".join(parts) + "\n"
 
 
-def _rows_of(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.DataFrame:
+def _rows_of(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.Expr:
     import polars as pl
 
     digest = file_digest(file)
     note = pl.format(f"{FILE_NOTE}{{}}, training seed {{}}", "policy", "train_seed")
-    mine = frame.filter(note.is_in([name for name, found in files.items() if found == digest]))
-    if mine.is_empty():
+    mine = note.is_in([name for name, found in files.items() if found == digest])
+    if frame.filter(mine).is_empty():
         names = [f"{name.removeprefix(FILE_NOTE)} ({found[:12]})" for name, found in sorted(files.items())]
         held = printable(", ".join(names)) or "no policy file"
         raise PerdureError(

@@ -31,7 +31,7 @@ from perdure.envs.gymnasium import call, engine_of, make_env
 from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
-from perdure.evaluate.reference import idle_baseline, with_reference
+from perdure.evaluate.reference import idle_baseline, task_env, with_reference
 from perdure.evaluate.stored import read_file
 from perdure.evaluate.table import episode_table, file_note, judge_table
 from perdure.evaluate.verdict import ScoreScale, make_score_scale, published_rate
@@ -270,7 +270,8 @@ class Judge:
                 return episode
         raise PerdureError(
             f"none of {len(eval_seeds)} episodes of {self._steps:,} steps fails under "
-            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, or another --clock"
+            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, another --clock or "
+            "--disturb"
         )
 
 
@@ -448,7 +449,7 @@ def add_stills(
 
 def draw_stills(work: Work, *, path: Path, digest: str, task: str, who: str, episode: JudgedEpisode) -> None:
     """Draw the stills of an episode into the work folder; the function of a unit."""
-    policy, pictures = read_file(path, digest, task, None), list[Picture]()
+    policy, pictures = with_reference(read_file(path, digest, task, None), task_env(task)), list[Picture]()
     render_env = find_render_env(task)
     with closing(render_env.build()) as env:
         at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"

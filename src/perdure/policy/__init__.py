@@ -8,7 +8,7 @@
 | `divergence.py` | simulations that diverged |
 | `reference.py` | episodes within the training horizon |
 | `files.py` | `save_policy`, `load_policy`, `find_policy`: one safetensors file with a checksum |
-| `readers/` | models of Stable-Baselines3, sb3-contrib and CleanRL |
+| `readers/` | models of Stable-Baselines3, sb3-contrib, CleanRL and rsl_rl |
 | `onnx.py` | export to ONNX, and ONNX models as policies |
 """
 

@@ -19,6 +19,7 @@ import polars as pl
 from perdure.disturbances import CALM, FACTORS
 from perdure.report import wording
 from perdure.report.groups import (
+    ALL,
     EPISODE_FAILURES,
     GOOD,
     MISSES,
@@ -93,10 +94,10 @@ Estimates = dict[str, list[Estimate]]
 """Every group's estimates by task, in the table's order."""
 
 
-def estimate_table(table: pl.DataFrame | Sequence[Episodes]) -> Estimates:
-    """Estimate every group of a table, or of its episodes; PerdureError if the table does not fit the schema."""
+def estimate_table(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -> Estimates:
+    """Estimate every group of a table, or of its episodes; see `make_groups`."""
     rng, found = np.random.default_rng(SEED), Estimates()
-    for group in make_groups(table):
+    for group in make_groups(table, mine):
         found.setdefault(group.task, []).append(estimate_group(group, rng))
     return found
 
@@ -409,14 +410,14 @@ def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
 
     Levels at which no verdict is possible decide nothing; they are named.
     """
-    sweeps: dict[tuple[str, str], list[tuple[float, str, str]]] = {}
+    sweeps: dict[tuple[str, str, bool], list[tuple[float, str, str]]] = {}
     for item in estimates:
         kind, _, level = item.group.disturbance.partition(":")
         if level and " " not in level:
             who = item.group.policy_and_clock
-            amount = abs(float(level) - (kind in FACTORS))
-            sweeps.setdefault((who, kind), []).append((amount, level, item.verdict.label))
-    for (who, kind), found in sweeps.items():
+            amount = float(level) - (kind in FACTORS)
+            sweeps.setdefault((who, kind, amount < 0), []).append((abs(amount), level, item.verdict.label))
+    for (who, kind, _), found in sweeps.items():
         levels = [level + " (cannot tell)" * (label == "cannot tell") for _, level, label in sorted(found)]
         judged = [each for each in sorted(found) if each[2] != "cannot tell"]
         held = list(takewhile(lambda each: each[2] in GOOD, judged))

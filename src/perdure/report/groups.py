@@ -48,6 +48,7 @@ MARKS = 100
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
 _ENDED = pl.col("outcome").is_in(["falls", "diverges", REACHES])
 
+ALL = pl.lit(True)
 _REACHED = (pl.col("outcome") == REACHES).any().over("task")
 VERDICT = (
     pl.when(_REACHED & ~_ENDED)
@@ -145,7 +146,7 @@ class Group:
     @property
     def is_tuned_by_steps(self) -> bool:
         """Whether the clock has a parameter C."""
-        return self.clock_kind in ("constant", "periodic")
+        return self.clock_kind in ("constant", "periodic") and bool(np.isfinite(self.clock_steps))
 
     @property
     def only_survival(self) -> bool:
@@ -256,22 +257,23 @@ def behave_as_one(steps: IntArray, returns: FloatArray, settling: int, gain: flo
     return bool(np.sqrt(((rates - rates.mean(axis=0)) ** 2).mean()) < ALIKE * gain)
 
 
-def make_groups(table: pl.DataFrame | Sequence[Episodes]) -> tuple[Group, ...]:
+def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -> tuple[Group, ...]:
     """Split an extrapolation table, or its episodes, into groups; PerdureError if the table does not fit the schema.
 
     Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
-    constant, periodic, each by its number of steps.
+    constant, periodic, each by its number of steps. Groups hold the episodes that `mine` selects; whether a task ends
+    at its goal is seen in the whole table.
     """
     tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
     whole = pl.concat([task.facts for task in tasks]).with_columns(SUCCESSES, verdict=VERDICT)
     groups = []
     for task, facts in zip(tasks, whole.partition_by("task", "disturbance", maintain_order=True), strict=True):
         score = pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY).then(TRAINING_SCORE).otherwise(float("nan"))
-        facts = facts.with_row_index("row").with_columns(note=_NOTE, training_score=score)
+        facts = facts.with_row_index("row").filter(mine).with_columns(note=_NOTE, training_score=score)
         facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
         order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
-        mine = [_make_group(task, part) for part in facts.partition_by("line", "clock")]
-        groups += sorted(mine, key=lambda group: (order[group.line], *_clock_order(group)))
+        parts = [_make_group(task, part) for part in facts.partition_by("line", "clock")]
+        groups += sorted(parts, key=lambda group: (order[group.line], *_clock_order(group)))
     return tuple(groups)
 
 

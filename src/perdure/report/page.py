@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from perdure.disturbances import CALM
 from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import (
@@ -37,7 +38,7 @@ from perdure.report.estimates import (
     headline,
 )
 from perdure.report.figures import make_figures
-from perdure.report.groups import GOOD, medians, success_cells
+from perdure.report.groups import GOOD, NO_CLOCK, medians, success_cells
 from perdure.report.schema import IMPORTED, read_episodes
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
@@ -136,7 +137,7 @@ MOST_POINTS = 12
 """Most policies and clocks for which the text gives the evidence."""
 MOST_NAMED = 3
 """Most policies in the title of a page."""
-WATCH = "perdure watch {} --until-failure --out failure.mp4"
+WATCH = "perdure watch {} --until-failure{} --out failure.mp4"
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/how-to/"
 MOST_SHOWN, MOST_EPISODES = 40, 1000
 """Most episodes in a table that is open at first, and in one at all."""
@@ -228,9 +229,14 @@ def _advice(estimates: Sequence[Estimate], folder: Path) -> list[tuple[str, str]
     for item in estimates:
         parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
-    watch = f"See the first failure: {WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else 'POLICY')}."
-    failed = any(item.group.failed.any() for item in estimates)
-    return [*list(found)[:MOST_NAMED], *([(watch, f"{DOCS}watch-a-failure.md")] if failed else [])]
+    sentences = list(found)[:MOST_NAMED]
+    if group := next((item.group for item in estimates if item.group.failed.any()), None):
+        clock = group.clock.replace("(", ":").rstrip(")")
+        options = ("steps", group.test_horizon), ("clock", clock), ("disturb", group.disturbance)
+        flags = "".join(f" --{name} {value}" for name, value in options if value not in (NO_CLOCK, CALM))
+        watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
+        sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
+    return sentences
 
 
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:

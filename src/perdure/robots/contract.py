@@ -251,7 +251,7 @@ def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
             numbers = [float(each) for each in found[field]]
             found[field] = numbers if len(numbers) > 1 else numbers[0]
         terms = [{"name": name} for name in found.get("observations", ())]
-        for field, convert in (("scale", float), ("clip", float), ("history_length", int)):
+        for field, convert in (("scale", float), ("clip", float), ("history_length", lambda text: int(float(text)))):
             for term, text in zip(terms, _words(notes.get(f"observation_terms_{field}", "")), strict=False):
                 parts = [convert(each) for each in text.split(";") if each]
                 term |= {field.removesuffix("_length"): parts if len(parts) > 1 else parts[0]} if parts else {}

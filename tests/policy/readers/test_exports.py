@@ -7,6 +7,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -404,6 +405,16 @@ class TestCheckpointsOfRslRl:
         (tmp_path / "params" / "agent.yaml").write_text("actor:\n  activation: lrelu\ncritic:\n  activation: lrelu\n")
         assert load_policy(import_once(path, tmp_path / "imported", "Pendulum-v1")).activation == "leaky_relu"
         assert import_rsl_rl(path, "Pendulum-v1", activation="tanh", measure=False).activation == "tanh"
+
+    def test_the_deviation_of_actions_is_named_otherwise_by_version_4(self, tmp_path):
+        """`actor_state_dict.std`, in a pickle whose texts begin with their length."""
+        old, new = (b"X" + len(name).to_bytes(4, "little") + name for name in (b"distribution.std_param", b"std"))
+        options = {"activation": "elu", "measure": False}
+        found = import_rsl_rl(self.checkpoint(tmp_path, old, new), "Pendulum-v1", **options)
+        usual = import_rsl_rl(RSL_RL / "mlp" / "model_1.pt", "Pendulum-v1", **options)
+        observations = np.random.default_rng(0).normal(size=(5, 3))
+        assert new in zipfile.ZipFile(tmp_path / "model_1.pt").read("model_1/data.pkl")
+        assert np.array_equal(found.act(observations, np.zeros(5)), usual.act(observations, np.zeros(5)))
 
     @pytest.mark.parametrize(
         ("old", "new", "message"),

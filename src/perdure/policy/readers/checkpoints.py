@@ -8,7 +8,7 @@ to +-10) and cut what it does (`ClipAction`); their statistics are not in the fi
 
 | version | actor | mean and deviation of its observations |
 |---|---|---|
-| 5 | `actor_state_dict`: `mlp.N.weight` | in the same dict: `obs_normalizer._mean` and `_std` |
+| 4, 5 | `actor_state_dict`: `mlp.N.weight` | in the same dict: `obs_normalizer._mean` and `_std` |
 | 3 | `model_state_dict`: `actor.N.weight` | in the same dict: `actor_obs_normalizer._mean` and `_std` |
 | 2 | as 3 | `obs_norm_state_dict`: `_mean` and `_std` |
 """
@@ -91,7 +91,7 @@ def import_cleanrl(
 _ACTORS = ("actor_state_dict.mlp", "model_state_dict.actor")
 _STATISTICS = ("actor_state_dict.obs_normalizer", "model_state_dict.actor_obs_normalizer", "obs_norm_state_dict")
 _KNOWN = re.compile(
-    r"actor_state_dict\.(mlp|obs_normalizer|distribution)\.|"
+    r"actor_state_dict\.((mlp|obs_normalizer|distribution)\.|(log_)?std$)|"
     r"model_state_dict\.((actor|critic)(_obs_normalizer)?\.|(log_)?std$)|(?!actor_state_dict|model_state_dict)"
 )
 """Parts of a checkpoint of rsl_rl whose actor is a plain perceptron."""
