@@ -117,7 +117,7 @@ def test_a_card_lies_beside_the_policy(command, files, tmp_path):
         (("extrapolate", "p.onnx", "--env", "Hopper-v5"), "there is no file p.onnx"),
         (
             ("watch", "{timed}", "--env", "Hopper-v5"),
-            "--env names the environment of an ONNX model",
+            "other policies take none",
         ),
         (("watch", "{timed}", "--out", "p.avi"), "a film is written as .mp4, .gif, .webp, not as p.avi"),
         (("watch", "{timeless}", "--beside", "constant:3"), "takes no clock"),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-WITHIN_S = 60
+WITHIN_S = 300
 """On an idle machine it takes half a second; more is allowed, because others compute at the same time. A command that
 waits for its pending work takes many minutes."""
 START_S = 300

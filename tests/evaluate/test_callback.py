@@ -110,6 +110,12 @@ def test_a_disturbed_evaluation_is_logged_under_its_name(module):
     assert "perdure/holds_disturbed" in model.logger.dumped[0][1]
 
 
+@pytest.mark.parametrize("option", ["hours", "out", "recurrent"])
+def test_options_of_a_single_evaluation_are_refused_before_training(module, option):
+    with pytest.raises(PerdureError, match=f"takes no {option}"):
+        module.VerdictCallback("Pendulum-v1", **{option: 1})
+
+
 def test_without_the_library_the_message_names_it(monkeypatch):
     from perdure.evaluate import callback
 

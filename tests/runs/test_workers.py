@@ -201,7 +201,7 @@ import sys
 sys.path.insert(0, sys.argv[1])
 from perdure.runs import Unit, run_missing
 
-units = [Unit(f"u-{k}", {}, "scripted_units:stuck", {"log": sys.argv[3], "seconds": 300}) for k in range(2)]
+units = [Unit(f"u-{k}", {}, "scripted_units:stuck", {"log": sys.argv[3], "seconds": 3000}) for k in range(2)]
 run_missing(units, sys.argv[2], "local", 2)
 """
 
@@ -211,14 +211,14 @@ def test_workers_end_with_their_command_however_it_ends(tmp_path, how):
     log = tmp_path / "log"
     command = [sys.executable, "-c", ASKS, str(HERE), str(tmp_path / "store"), str(log)]  # without a main guard
     asking = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    wait_until(lambda: len(lines(log)) == 2, 60)
+    wait_until(lambda: len(lines(log)) == 2, 600)
     workers = [int(line) for line in lines(log)]
     if how == signal.SIGINT:
         os.killpg(asking.pid, how)  # as a terminal does
     else:
         asking.kill()
-    wait_until(lambda: not any(map(alive, workers)), 60)
-    assert asking.communicate(timeout=120)[1].count("Traceback") == (how == signal.SIGINT), "its own alone"
+    wait_until(lambda: not any(map(alive, workers)), 600)
+    assert asking.communicate(timeout=600)[1].count("Traceback") == (how == signal.SIGINT), "its own alone"
     assert Store(tmp_path / "store").keys() == ()
 
 

@@ -426,13 +426,15 @@ def watch(
     """
     from perdure.envs import task_of_environment
     from perdure.evaluate import watch as films
-    from perdure.evaluate.stored import read_file
+    from perdure.evaluate.stored import load, read_file
     from perdure.policy import find_policy
     from perdure.policy.onnx import is_onnx, model_digest
 
-    if is_onnx(policy) == (env is None):
-        raise PerdureError(f"--env names the environment of an ONNX model and of no other policy; got {policy}, {env=}")
-    file = Path(policy) if env else find_policy(policy)
+    model = is_onnx(policy)
+    file = Path(policy) if model else find_policy(policy)
+    if model == (env is None):
+        load(file)  # raises what it is, if it is of another library
+        raise PerdureError(f"{policy}: an ONNX model needs its environment, --env Hopper-v5; other policies take none")
     loaded = read_file(file, model_digest(file), task_of_environment(env) if env else "", None)
     film = films.watch(
         loaded,

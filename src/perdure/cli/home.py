@@ -282,7 +282,7 @@ def train(
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
     given = {"delta": (delta, 1), "limited_to": (limited_to, None), "release_cost": (release_cost, 0.0)}
     options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
-    skill_config(skill, task, method=method, **options)  # what is wrong is said before the minutes of recording
+    skill_config(skill, task, steps, method=method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as observe:
         paths = train_skill(

@@ -38,6 +38,8 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
     def __init__(self, env: Any, *, every_steps: int = 100_000, steps: int = 10_000, **options: Any) -> None:
         if BaseCallback is object:
             raise PerdureError("VerdictCallback needs Stable-Baselines3: pip install stable-baselines3")
+        if refused := options.keys() & {"hours", "out", "recurrent"}:
+            raise PerdureError(f"VerdictCallback takes no {', '.join(sorted(refused))}")
         super().__init__()
         self.env, self.options = env, {"steps": steps, **options}
         self.every_steps, self._evaluated = whole("every_steps", every_steps, 1), 0

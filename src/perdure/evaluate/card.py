@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from perdure.errors import PerdureError
-from perdure.evaluate.table import FILE_NOTE
 from perdure.evaluate.verdict import HOLDS_FROM
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
 from perdure.report import estimate_table, read_table
 from perdure.report.estimates import Estimate, headline
+from perdure.report.schema import FILE_NOTE
 from perdure.runs import file_digest, write_atomic
 from perdure.schema import printable
 

@@ -18,7 +18,7 @@ from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec, win
 from perdure.evaluate.verdict import ScoreScale, judge_episode
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
-from perdure.report.schema import END_REASONS, GOALS, OUTCOMES
+from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS, OUTCOMES
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 TABLE = "episodes.parquet"
 """Name of the table's file."""
-FILE_NOTE = "sha256 of "
-"""How the names of the notes begin that say which policy files a table is of."""
 
 
 def file_note(policy: str, train_seed: int) -> str:

@@ -291,7 +291,8 @@ class _FunctionEpisodes:
             if error.__cause__ is None:  # perdure's own, such as an ONNX model's
                 raise
             wanted = (
-                f"it gets {episodes} observations at once and must return actions of shape {(episodes, *self._shape)}"
+                f"it gets {episodes} observations at once (with --clocks also elapsed and horizon) and must return "
+                f"actions of shape {(episodes, *self._shape)}"
             )
             raise PerdureError(f"{error}; {wanted}") from error.__cause__
         if self._policy.recurrent:

@@ -39,7 +39,7 @@ from perdure.report.estimates import (
 )
 from perdure.report.figures import make_figures
 from perdure.report.groups import GOOD, NO_CLOCK, medians, success_cells
-from perdure.report.schema import IMPORTED, read_episodes
+from perdure.report.schema import FILE_NOTE, IMPORTED, read_episodes
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
@@ -174,7 +174,9 @@ def write_report(
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
         verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
-        parts += [header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates, folder))]
+        parts += [
+            header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates, folder, notes))
+        ]
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
         parts += [figures(top), *shown, *_tables(estimates), figures(others)]
     made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
@@ -222,18 +224,19 @@ def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
-def _advice(estimates: Sequence[Estimate], folder: Path) -> list[tuple[str, str]]:
+def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str] | None) -> list[tuple[str, str]]:
     """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
     files = list((folder / IMPORTED).glob("*.safetensors"))
     parts: dict[str, list[Verdict]] = {}
     for item in estimates:
         parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
-    sentences = list(found)[:MOST_NAMED]
-    if group := next((item.group for item in estimates if item.group.failed.any()), None):
+    sentences, of_files = list(found)[:MOST_NAMED], notes is None or any(name.startswith(FILE_NOTE) for name in notes)
+    if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
         clock = group.clock.replace("(", ":").rstrip(")")
-        options = ("steps", group.test_horizon), ("clock", clock), ("disturb", group.disturbance)
-        flags = "".join(f" --{name} {value}" for name, value in options if value not in (NO_CLOCK, CALM))
+        first = int(group["eval_seed"][group.failed].min())
+        options = {"steps": group.test_horizon, "first-eval-seed": first, "clock": clock, "disturb": group.disturbance}
+        flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM))
         watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
         sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
     return sentences

@@ -74,6 +74,8 @@ OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "reaches i
 
 GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0.0}
 """Columns about successes, with the value of an episode that has none."""
+FILE_NOTE = "sha256 of "
+"""How the names of the notes begin that say which policy files a table is of."""
 IMPORTED = "imported"
 """Folder, beside the results, of policies made of other libraries' models."""
 TABLE: dict[str, Column] = {

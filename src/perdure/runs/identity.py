@@ -85,7 +85,7 @@ class Identity(Record, frozen=True, rename={"digest": "sha256"}):
             fields = describe_difference(self.config, other.config)
             raise PerdureError(
                 f"{other.key!r} is in {where} with another config: {fields}. "
-                "Write to another folder, or remove this unit's."
+                "Choose another name or folder, or remove this unit's."
             )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hand_made import random_state
 
+from perdure.errors import PerdureError
 from perdure.home.skills import SKILLS, get_skill, learned_skills, train
 from perdure.home.skills.environment import targets_of
 from perdure.home.skills.train import skill_config
@@ -96,6 +97,8 @@ def test_another_reward_start_or_recipe_is_noticed(monkeypatch):
     assert digest(starts("pick", "tidy_house")) != RECORDED["starts"]["pick tidy_house"]
     assert training("pick", "tidy_house") != RECORDED["training"]["pick tidy_house"]
     assert skill_config("pick", "tidy_house").total_steps == 9000
+    with pytest.raises(PerdureError, match="total_steps is 1000; it must be more than one rollout"):
+        skill_config("pick", "tidy_house", 1000)
 
 
 if __name__ == "__main__":

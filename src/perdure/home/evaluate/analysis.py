@@ -188,7 +188,7 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
         placements,
         failures,
         stages,
-        success_table(episodes, stages, placements),
+        success_table(episodes, stages),
         seed_table(episodes),
         outcome_table(episodes),
         mode_table(failures, episodes),
@@ -253,32 +253,23 @@ def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, F
     return means.mean(axis=0), error
 
 
-def success_table(episodes: pl.DataFrame, stages: pl.DataFrame, placements: pl.DataFrame) -> pl.DataFrame:
+def success_table(episodes: pl.DataFrame, stages: pl.DataFrame) -> pl.DataFrame:
     """Return one row per task, split and strategy: how much was run, and the success of the whole task.
 
     `train_seeds`, `eval_seeds`, `episodes`; mean, standard error and bounds of the 95 % interval by both ways of
-    counting (`latched mean`), `method` of the interval; `did_not_last`: latched successes that did not last,
-    `last_left`: those of which the last placed object left its goal; `diverged`; `final`: episodes that end in the
-    final state, `unaided`: those of them without a scripted skill in place of a policy.
+    counting (`latched mean`), `method` of the interval; `did_not_last`: latched successes that did not last;
+    `diverged`; `final`: episodes that end in the final state, `unaided`: those of them without a scripted skill.
     """
     import polars as pl
 
-    last = {task: len(get_task(task).targets) - 1 for task in episodes["task"].unique()}
-    of_last = pl.col("target") == pl.col("task").replace_strict(last, return_dtype=pl.Int64)
-    left = placements.filter(of_last & ~pl.col("stabilizing")).select(*GROUP, *SAME_EPISODE, last_left=True)
-    counted = (
-        episodes.join(left, on=(*GROUP, *SAME_EPISODE), how="left")
-        .group_by(GROUP, maintain_order=True)
-        .agg(
-            pl.col("train_seed").n_unique().cast(pl.Int64).alias("train_seeds"),
-            pl.col("eval_seed").n_unique().cast(pl.Int64).alias("eval_seeds"),
-            pl.len().cast(pl.Int64).alias("episodes"),
-            did_not_last=(pl.col("outcome") == DID_NOT_LAST).sum().cast(pl.Int64),
-            last_left=(pl.col("last_left").fill_null(False) & pl.col("success")).sum().cast(pl.Int64),
-            diverged=pl.col("diverged").sum().cast(pl.Int64),
-            final=pl.col("final").sum().cast(pl.Int64),
-            unaided=(pl.col("final") & (pl.col("scripted") == 0)).sum().cast(pl.Int64),
-        )
+    counted = episodes.group_by(GROUP, maintain_order=True).agg(
+        pl.col("train_seed").n_unique().cast(pl.Int64).alias("train_seeds"),
+        pl.col("eval_seed").n_unique().cast(pl.Int64).alias("eval_seeds"),
+        pl.len().cast(pl.Int64).alias("episodes"),
+        did_not_last=(pl.col("outcome") == DID_NOT_LAST).sum().cast(pl.Int64),
+        diverged=pl.col("diverged").sum().cast(pl.Int64),
+        final=pl.col("final").sum().cast(pl.Int64),
+        unaided=(pl.col("final") & (pl.col("scripted") == 0)).sum().cast(pl.Int64),
     )
     for counting in COUNTINGS:
         final = stages.filter(counting=counting).group_by(GROUP).last()

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     import polars as pl
 
 PAGE = "report.html"
-METHOD = """A task plan runs skills one after the other, whatever became of the last one, from the same episodes and
-start poses under every release strategy. <em>Latched</em> counts as the benchmark does: a stage that was reached stays
-reached. <em>Goal-stabilizing</em> counts as the thesis does: from the end of its place to the end of the episode and of
-the settling time after it, the object is in its goal and out of the hand at every step. Every number comes from the
-logs alone; nothing is simulated for this page."""
+METHOD = """A task plan runs skills one after the other, from the same episodes and start poses under every release
+strategy. <em>Latched</em> counts as the benchmark does: a stage that was reached stays reached.
+<em>Goal-stabilizing</em> counts as the thesis does: from the end of its place to the end of the episode and of the
+settling time after it, the object is in its goal and out of the hand at every step. Every number comes from the logs
+alone; nothing is simulated for this page."""
 
 
 @dataclass(frozen=True)

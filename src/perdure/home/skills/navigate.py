@@ -33,9 +33,6 @@ COUNTED = 0.05
 DISTANCE_REWARD = 1.0
 FAR = 5.0
 """Clip of the path length in [m]."""
-DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.45, 0.5), (1.5, 1.8, 2.1, 2.35)
-"""Positions of containers that were opened before, by the episode's number, in [m] and [rad] (our choice: few values,
-so that paths can be cached)."""
 
 
 def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:

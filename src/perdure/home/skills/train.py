@@ -56,8 +56,7 @@ def train_skill(
     Returns:
         The policy files, one for each seed.
     """
-    config = skill_config(skill, task, method=method, **options)
-    config = config if total_steps is None else replace(config, total_steps=total_steps)
+    config = skill_config(skill, task, total_steps, method=method, **options)
     command = train_command(skill, task, total_steps, options, method)
     name = skill if method == "ppo" else f"{skill}-{method}"
     env_options = {**skill_recipe(skill, task).env_options, **options}
@@ -72,7 +71,9 @@ def skill_recipe(skill: str, task: str) -> Recipe:
     return SKILLS[skill].task_recipes.get(task, recipe)
 
 
-def skill_config(skill: str, task: str, *, method: str = "ppo", **options: object) -> PPOConfig:
+def skill_config(
+    skill: str, task: str, total_steps: int | None = None, *, method: str = "ppo", **options: object
+) -> PPOConfig:
     """Return PPO's settings for a skill on a task, with options of the environment.
 
     The method's horizons scale with the skill's step limit. `ppo` bootstraps the last observation, because the plan
@@ -83,6 +84,7 @@ def skill_config(skill: str, task: str, *, method: str = "ppo", **options: objec
     config = method_config(method, task, len(made.elements), limit=made.limit)
     settings: dict[str, Any] = {"hidden_sizes": HIDDEN, "learning_rate_decay": "linear", "segment_steps": 100_000}
     settings |= {each.name: getattr(recipe, each.name) for each in fields(PPOConfig) if hasattr(recipe, each.name)}
+    settings |= {} if total_steps is None else {"total_steps": total_steps}
     return replace(config, **settings)
 
 

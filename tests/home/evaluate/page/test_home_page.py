@@ -45,11 +45,9 @@ class TestNumbers:
         assert "every object stayed: policy alone 25.0 %; stop, lower 5 cm 100.0 %. The benchmark counts 75.0 %" in page
         assert row(page, "Success", "ik")["in the figures"] == "stop, lower 5 cm"
 
-    def test_successes_whose_last_object_left_are_told_apart(self, page):
-        found = row(page, "Success", "rl")
-        assert (found["counted, did not last"], found["of these the last object"]) == ("2 of 3", "1")
-        found = row(page, "Success", "ik")
-        assert (found["counted, did not last"], found["of these the last object"]) == ("0 of 4", "0")
+    def test_successes_that_did_not_last_are_told_apart(self, page):
+        assert row(page, "Success", "rl")["counted, did not last"] == "2 of 3"
+        assert row(page, "Success", "ik")["counted, did not last"] == "0 of 4"
 
     def test_failure_modes_have_both_denominators(self, page):
         rows = {(each["counting"], each["first unmet stage"]): each for each in table(page, "Failure modes")}
@@ -291,7 +289,7 @@ class TestTheFiles:
 def test_a_browser_draws_every_figure_and_complains_of_nothing(tmp_path):
     page_of(two_strategies(), tmp_path)
     command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}", (tmp_path / PAGE).as_uri()]
-    browser = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
+    browser = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     figures = browser.stdout.count("<figure id=")
     assert figures == 11
     assert browser.stdout.count('class="marks"') == figures

@@ -207,5 +207,5 @@ print(*[name for name in sys.modules if name.startswith(drawn)])
 """
     free = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}  # MuJoCo loads what it names
     command = [sys.executable, "-c", script]
-    loaded = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120, env=free)
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600, env=free)
     assert loaded.stdout.split() == []

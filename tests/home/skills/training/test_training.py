@@ -22,7 +22,11 @@ def policy(tmp_path_factory):
     usual = train.skill_config
     with pytest.MonkeyPatch.context() as patch:
         small = {"n_envs": 4, "n_steps": 32, "batch_size": 128, "n_epochs": 1, "hidden_sizes": (8,)}
-        patch.setattr(train, "skill_config", lambda *about, **how: replace(usual(*about, **how), **small))
+        patch.setattr(
+            train,
+            "skill_config",
+            lambda name, task, steps, **how: replace(usual(name, task, **how), total_steps=steps, **small),
+        )
         steps = {"total_steps": 256, "method": "geometric"}
         (path,) = train_skill("place", "set_table", (0,), out, cores=1, **steps, split="val", episodes=2)
     assert path.parent.parent.name == "place-geometric"
