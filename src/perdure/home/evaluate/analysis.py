@@ -39,7 +39,7 @@ AT_RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", 
 
 @dataclass(frozen=True)
 class Placed:
-    """A placement: a target's last release while the plan handled it."""
+    """A placement: a target's last release up to the end of its first place. What a closed loop repairs is none."""
 
     log: EpisodeLog
     target: int
@@ -67,7 +67,7 @@ class Placed:
 
     @property
     def place_step(self) -> int:
-        """Steps of its last place skill before the hand opened: the limit when forced; -1 before its first."""
+        """Steps of its place skill before the hand opened: the limit when forced; -1 before its first."""
         mine = (run for run in self.log.runs if (run.skill, run.target) == ("place", self.target))
         steps = [self.release.step + 1 - run.begin for run in mine]
         return min((step for step in steps if step >= 0), default=-1)
@@ -75,12 +75,12 @@ class Placed:
     @property
     def stays(self) -> bool:
         """Whether it is goal-stabilizing."""
-        return outcomes.stabilizing(self.log)[self.target]
+        return outcomes.stays(self.log, self.target, once=True)
 
     @property
     def cause(self) -> str:
         """Failure cause, or `STAYED`."""
-        return STAYED if self.stays else outcomes.placement_cause(self.log, self.target)
+        return STAYED if self.stays else outcomes.placement_cause(self.log, self.release)
 
     def inside(self, step: int) -> bool:
         """Return whether the object is in its goal at a step."""
@@ -129,8 +129,8 @@ PLACEMENTS: Columns = {
     "in_goal_release": (bool, "in its goal at the release", lambda at: at.inside(at.release.step)),
     "in_goal_skill_end": (
         bool,
-        "... when its last place skill ended",
-        lambda at: at.inside((outcomes.handled(at.log, at.target) or (0, 1))[1] - 1),
+        "... when its first place skill ended",
+        lambda at: at.inside((outcomes.handled(at.log, at.target, once=True) or (0, 1))[1] - 1),
     ),
     "in_goal_end": (bool, "... at the last step of the episode", lambda at: at.inside(at.log.steps - 1)),
     "in_goal_settled": (bool, "... at the last step of the settling time", lambda at: at.inside(at.log.length - 1)),
@@ -180,7 +180,8 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     episodes = _frame(EPISODES, ((log, log) for log in logs))
     labels = ((log, (way, outcomes.label(log, way))) for way in COUNTINGS for log in logs)
     failures = _frame(FAILURES, ((log, found) for log, found in labels if found[1] is not None))
-    released = ((log, target, outcomes.placement(log, target)) for log in logs for target in range(len(log.targets)))
+    targets = ((log, target) for log in logs for target in range(len(log.targets)))
+    released = ((log, target, outcomes.placement(log, target, once=True)) for log, target in targets)
     placements = _frame(PLACEMENTS, ((log, Placed(log, k, each)) for log, k, each in released if each is not None))
     stages = stage_table(logs, np.random.default_rng(seed))
     return Analysis(

@@ -129,25 +129,31 @@ def latched(log: EpisodeLog) -> tuple[bool, ...]:
     return tuple(step != NEVER for step in stage_steps(log))
 
 
-def handled(log: EpisodeLog, target: int) -> tuple[int, int] | None:
+def handled(log: EpisodeLog, target: int, once: bool = False) -> tuple[int, int] | None:
     """Step in which the plan handles a target, (first, one past the last): from its first pick to its last place.
 
-    None when its pick never ended; when no place ended after the last pick, the rest of the episode.
+    None when its pick never ended; when no place ended after the last pick, the rest of the episode. `once`: to its
+    first place, as if the plan had not looked again.
     """
     runs = [run for run in log.runs if run.target == target and run.skill.startswith(("pick", "place"))]
     picks = [run.begin for run in runs if run.skill.startswith("pick")]
+    if once:
+        runs = runs[: 1 + next((k for k, run in enumerate(runs) if run.skill.startswith("place")), len(runs))]
     return (picks[0], runs[-1].end if runs[-1].skill.startswith("place") else log.steps) if picks else None
+
+
+def stays(log: EpisodeLog, target: int, once: bool = False) -> bool:
+    """Return whether a target is in its goal and not held at every step after `handled`; none is if it diverged."""
+    steps, facts = moments(log)
+    span = handled(log, target, once)
+    there = at(facts)[:, target] & (facts.held != target)
+    return not log.diverged and span is not None and bool(there[steps >= span[1]].all())
 
 
 @_once
 def stabilizing(log: EpisodeLog) -> tuple[bool, ...]:
     """Return which placements are goal-stabilizing, as the thesis counts; none in an episode that diverged."""
-    if log.diverged:
-        return (False,) * len(log.targets)
-    steps, facts = moments(log)
-    stays = at(facts) & (facts.held[:, None] != np.arange(len(log.targets)))
-    spans = [handled(log, target) for target in range(len(log.targets))]
-    return tuple(span is not None and bool(stays[steps >= span[1], k].all()) for k, span in enumerate(spans))
+    return tuple(stays(log, target) for target in range(len(log.targets)))
 
 
 @_once
@@ -196,9 +202,9 @@ def _rank(condition: Predicate) -> tuple[int, int]:
     return group, -1 if condition.target is None else condition.target
 
 
-def placement(log: EpisodeLog, target: int) -> Release | None:
-    """Return the placement of a target: its last release while the plan handled it, None if it was never released."""
-    span = handled(log, target)
+def placement(log: EpisodeLog, target: int, once: bool = False) -> Release | None:
+    """Return the placement of a target: its last release while it was `handled`, None if it was never released."""
+    span = handled(log, target, once)
     if span is None:
         return None
     found = [r for r in log.releases if r.target == target and span[0] <= r.step < span[1]]
@@ -215,7 +221,7 @@ def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> F
         return "diverged"
     if condition is not None and condition.name == "at":
         assert condition.target is not None
-        return placement_cause(log, condition.target)
+        return placement_cause(log, placement(log, condition.target))
     skill, _, target = log.home_task.stages[stage].name.partition("_")
     run = log.run(skill, int(target))
     if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
@@ -246,9 +252,8 @@ def _collided(log: EpisodeLog, run: SkillRun) -> bool:
     return any(each.force > COLLISION_FORCE for each in (*ways[-1:], run))
 
 
-def placement_cause(log: EpisodeLog, target: int) -> FailureCause:
+def placement_cause(log: EpisodeLog, release: Release | None) -> FailureCause:
     """Return why a placement failed or did not last."""
-    release = placement(log, target)
     if log.diverged:
         return "diverged"
     if release is None:

@@ -8,7 +8,15 @@ import pytest
 from home_stories import Story, good
 
 from perdure.home.evaluate.log import Track
-from perdure.home.evaluate.outcomes import FAILURE_CAUSES, _thrown, label, outcome, placement_cause, stabilizing
+from perdure.home.evaluate.outcomes import (
+    FAILURE_CAUSES,
+    _thrown,
+    label,
+    outcome,
+    placement,
+    placement_cause,
+    stabilizing,
+)
 from perdure.home.tasks.tasks import NOTHING, SOMETHING_ELSE
 
 OUT = (0.3, 0.0, 0.0)
@@ -121,7 +129,7 @@ def test_an_object_let_go_beside_its_goal_that_rolls_through_it_was_brought_near
         story.held = NOTHING
         story.slide(0, (-0.4, 0.0, 0.0), 20)
     record = story.rest((1, 2)).log()
-    assert placement_cause(record, 0) == "rolled"
+    assert placement_cause(record, placement(record, 0)) == "rolled"
 
 
 def missed(story, target, gripper=0.1, held=NOTHING, ending="timed out", force=0.0, way=0.0):
@@ -231,14 +239,14 @@ def test_an_object_still_in_the_hand_at_the_end_ran_out_of_time():
         story.wait(3)
     assert latched_label(story) == ("place_0", "time-out", 0)
     record = story.log()
-    assert placement_cause(record, 0) == "time-out"
+    assert placement_cause(record, placement(record, 0)) == "time-out"
 
 
 def test_an_object_taken_out_of_its_goal_again_was_displaced_by_the_robot():
     story = Story().go(0)
     missed(story, 1, held=0)
     record = story.log()
-    assert placement_cause(record, 0) == "displaced by the robot"
+    assert placement_cause(record, placement(record, 0)) == "displaced by the robot"
     assert label(record, "latched").cause == "wrong object grasped"
 
 

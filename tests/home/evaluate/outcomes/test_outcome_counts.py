@@ -14,9 +14,17 @@ from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
 
 import perdure.home.evaluate.log as history
 from perdure.errors import PerdureError
-from perdure.home.evaluate.analysis import analyze
+from perdure.home.evaluate.analysis import STAYED, analyze
 from perdure.home.evaluate.comparison import by_shape, make_views
-from perdure.home.evaluate.outcomes import COUNTINGS, FAILURE_CAUSES, final_state, label, latched, stabilizing
+from perdure.home.evaluate.outcomes import (
+    COUNTINGS,
+    FAILURE_CAUSES,
+    final_state,
+    label,
+    latched,
+    placement,
+    stabilizing,
+)
 from perdure.home.evaluate.page import summary_text
 
 seeds = st.integers(0, 2**32 - 1)
@@ -285,6 +293,15 @@ def test_a_repaired_placement_counts_and_a_bad_repair_does_not():
     assert stabilizing(repaired(again=False)) == (False, True, True)
     assert not final_state(repaired(again=False))
     assert repaired().run("place", 0).attempt == 2
+
+
+def test_the_placements_of_a_plan_that_looks_again_are_the_first_ones():
+    """Else those that did not stay would be replaced by those that did."""
+    tables = analyze([repaired()])
+    assert tables.episodes["stabilizing"].to_list() == [True]
+    placed = tables.placements.select("target", "stabilizing", "cause", "in_goal_skill_end", "in_goal_end").rows()
+    assert placed == [(0, False, "rolled", True, True), (1, True, STAYED, True, True), (2, True, STAYED, True, True)]
+    assert placement(repaired(), 0).step > placement(repaired(), 1).step > placement(repaired(), 0, once=True).step
 
 
 def test_the_final_state_is_that_of_the_last_five_seconds():
