@@ -139,3 +139,16 @@ def test_the_numbers_that_the_page_has_of_the_cure_are_in_its_table():
     assert f"{walking['ratio to PPO']:.1f} [{walking['low']:.1f}, {walking['high']:.1f}]" in page
     assert all(f"{each['ratio to PPO']:.1f} times" in page for each in alone)
     assert [each["runs"] for each in alone] == [3, 1]  # as the page says
+
+
+def test_of_the_runs_that_hold_when_calm_so_many_hold_when_disturbed():
+    rows = pl.read_parquet(RESULTS / "episodes.parquet").filter(
+        pl.col("method").str.contains("@") != (pl.col("task") == "HalfCheetah-v3"),
+        pl.col("task").is_in(["Hopper-v3", "Walker2d-v3", "HalfCheetah-v3"]),
+    )
+    runs = rows.group_by("task", "method", "train_seed", "condition").agg(
+        holds=((pl.col("outcome") == "holds") & (pl.col("policy_state") == "worked")).mean() >= 0.9
+    )
+    wide = runs.pivot(on="condition", index=["task", "method", "train_seed"], values="holds").filter("calm")
+    assert len(wide) == 53
+    assert wide.select("action noise 0.1", "pushes", "standard-1").sum().row(0) == (18, 18, 36)

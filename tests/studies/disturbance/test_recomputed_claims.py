@@ -119,6 +119,43 @@ def test_the_table_of_the_claims(row):
         assert second == pytest.approx(row["p"], abs=4 * sqrt(row["p"] / 20_000) + 1e-4)
 
 
+def interval(pairs):
+    """A 95 % bootstrap interval over training runs within tasks."""
+    rng = np.random.default_rng(2026)
+    drawn = [[x[rng.integers(len(x), size=(DRAWS // 10, len(x)))].mean(axis=1) for x in pair] for pair in pairs]
+    return np.quantile(np.mean([a - b for a, b in drawn], axis=0), (0.025, 0.975))
+
+
+@pytest.mark.parametrize("condition", [NOISE, PUSHES])
+def test_disturbed_the_method_and_a_discount_of_0_999_are_undecided_as_the_page_says(condition):
+    methods = "geometric", "ppo-gamma-0.999"
+    pairs = [[values(task, method, condition, "working share") for method in methods] for task in PRESETS]
+    low, high = interval(pairs)
+    assert low < 0.0 < high
+
+
+def test_an_early_fall_scores_below_0_and_claim_5_does_not_depend_on_it():
+    """Counted as for earlier runs: against an idle robot for as many steps."""
+
+    def scores(task, method, until):
+        return np.array(
+            [
+                ((run["return"] - run["idle_rate"] * run[until]) / run["test_horizon"]).mean()
+                / (run["published_rate"][0] - run["idle_rate"][0])
+                for run in episodes(task, method, CALM)
+            ]
+        )
+
+    fresh = pl.concat(episodes("Hopper-v3", "ppo", CALM)).filter(pl.col("end_step") < 5000)
+    rate = fresh["return"] / fresh["test_horizon"] - fresh["idle_rate"]
+    assert (rate / (fresh["published_rate"] - fresh["idle_rate"])).mean() == pytest.approx(-0.4, abs=0.05)
+    pairs = [[scores(task, method, "end_step") for method in ("geometric", "ppo")] for task in PRESETS]
+    assert np.mean([a.mean() - b.mean() for a, b in pairs]) == pytest.approx(0.13, abs=0.005)
+    assert interval(pairs) == pytest.approx([-0.07, 0.31], abs=0.01)
+    usual = [[scores(task, method, "test_horizon") for method in ("geometric", "ppo")] for task in PRESETS]
+    assert np.mean([a.mean() - b.mean() for a, b in usual]) == pytest.approx(recompute(5, PRESETS)[0])
+
+
 if __name__ == "__main__":
     for row in committed():
         effect, second = recompute(row["claim"], row["task"].split(", "))

@@ -70,7 +70,10 @@ def test_the_answer_says_what_the_tables_say_and_is_the_same_on_three_pages(resu
         assert answer in " ".join((RESULTS.parents[1] / page).read_text().split())
     tables = page_tables(results)
     registered, sentences = tables["registered"], dict(tables["claims"].select("the thesis", "effect").iter_rows())
-    assert f"without it scores less ({sentences['Ours: the same training without the input scores less']}," in answer
+    assert (
+        f"without it scores less ({sentences['Ours: the same training without the input scores less']}, five tasks,"
+        in answer
+    )
     assert registered["decision"].to_list() == ["supported"] * 5
     assert all(effect in answer for effect in registered["left minus right"])
     claims = pl.read_csv(RESULTS.parent / "disturbance" / "tables" / "claims.csv").filter(pl.col("decision") != "")
@@ -93,7 +96,7 @@ def test_the_answer_says_what_the_tables_say_and_is_the_same_on_three_pages(resu
     )
     gains = {method: part["rate"] for (method,), part in rates.group_by("method")}
     assert (gains["ppo-gamma-0.999"] < 0.25 * gains["ppo"].mean()).sum() > 5
-    assert "on Hopper, where most of its runs hardly walk; elsewhere undecided)." in answer
+    assert "on Hopper, where most of its runs hardly walk; elsewhere and disturbed undecided)." in answer
     episodes = results.episodes["split"].value_counts()
     assert sorted(episodes["count"]) == [2350, 14160]
 
