@@ -28,6 +28,11 @@ def test_the_citation_has_what_the_format_asks_for():
     text = (ROOT / "CITATION.cff").read_text()
     keys = set(re.findall(r"^([a-z-]+):", text, re.MULTILINE))
     assert {"cff-version", "message", "title", "authors"} <= keys
+    references = re.split(r"^  - ", text.partition("references:")[2], flags=re.MULTILINE)[1:]
+    assert references
+    assert all(
+        {"type", "authors", "title"} <= set(re.findall(r"^(?:    )?(\w+):", each, re.MULTILINE)) for each in references
+    )
     assert f"license: {PROJECT['license']}" in text
 
 

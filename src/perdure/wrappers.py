@@ -217,8 +217,9 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Make one step."""
         space: Any = self.env.action_space
+        given = np.asarray(action, float).reshape(1, -1) if _is_box(space) else np.zeros((1, 0))
+        actions = self._disturber.act(given, self._lane, self._elapsed)
         if _is_box(space):
-            actions = self._disturber.act(np.asarray(action, float).reshape(1, -1), self._lane, self._elapsed)
             action = np.clip(actions.reshape(space.shape), space.low, space.high).astype(space.dtype)
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._elapsed += 1

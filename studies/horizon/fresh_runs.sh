@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Train the 120 runs of results/horizon/registered.md into the folder OUT (default: runs). Interrupted at any point, the
-# same command goes on where it stopped. Versions: pip install -c studies/horizon/constraints.txt .
+# same command goes on where it stopped. Versions: Python 3.11, pip install -c studies/horizon/constraints.txt .
 set -euo pipefail
 out=${OUT:-runs}
 train() { perdure train "$@" --seeds 10 11 12 13 14 15 16 17 18 19 --out "$out"; }

@@ -144,6 +144,24 @@ def test_a_time_step_that_changes_the_control_rate_is_refused(task, level):
     world.close()
 
 
+def test_a_robot_with_discrete_actions_is_pushed():
+    class Still(gymnasium.ActionWrapper):
+        action_space = gymnasium.spaces.Discrete(1)
+
+        def action(self, action):
+            return np.zeros(3)
+
+    def last(*disturbances):
+        hopper = gymnasium.make("Hopper-v4", max_episode_steps=-1, terminate_when_unhealthy=False)
+        env = Disturb(Still(hopper), disturbances, 0)
+        env.reset(seed=0)
+        return np.array([env.step(0)[0] for _ in range(203)])
+
+    calm, pushed = last(), last("push:2")
+    assert np.array_equal(calm[:200], pushed[:200])
+    assert np.abs(calm[-1] - pushed[-1]).max() > 0.1
+
+
 def test_factors_change_the_model():
     calm, heavy = make_world("gymnasium:Hopper-v4", [0]), make_world("gymnasium:Hopper-v4", [0])
     DisturbedWorld(heavy, [parse_disturbance(text) for text in ("mass:1.2", "friction:0.5", "strength:0.9")], [0])

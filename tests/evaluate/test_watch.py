@@ -232,6 +232,26 @@ class Light(Dark):
     metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 2}
 
 
+class Falls(Light):
+    """An image of eleven numbers; falls at step 5."""
+
+    observation_space = gymnasium.spaces.Box(-1.0, 1.0, (11, 1), np.float64)
+
+    def reset(self, *, seed=None, options=None):
+        return super().reset()[0][:, None], {}
+
+    def step(self, action):
+        observation, reward, *_ = super().step(action)
+        return observation[:, None], reward, self.steps == 5, False, {}
+
+
+def test_a_film_goes_on_after_a_fall_whatever_the_shape_of_observations(policy, tmp_path):
+    gymnasium.register("perdure-test-Falls-v0", Falls)
+    falling = replace(policy, task=replace(policy.task, name="gymnasium:perdure-test-Falls-v0"), clock=ALWAYS)
+    film = watch(falling, tmp_path / "fall.gif", until_failure=True, steps=15, eval_seeds=1)
+    assert film.pictures > 5
+
+
 def test_any_environment_that_renders_an_array_is_filmed(policy, tmp_path):
     """Two steps a second, a picture for each: 10 steps before the sixth second and 2 after it."""
     gymnasium.register("perdure-test-Light-v0", Light, max_episode_steps=30)

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from msgspec.structs import replace
 
-from perdure.disturbances import parse_disturbances
+from perdure.disturbances import change_model, parse_disturbances
 from perdure.envs import make_world, task_of_environment
 from perdure.envs.disturbances import DisturbedWorld
 from perdure.errors import PerdureError
@@ -152,6 +152,32 @@ def test_a_robot_without_a_free_base_is_refused(ant, tmp_path):
     one = dict.fromkeys(("default_pose", "stiffness", "damping", "action_scale"), (1.0,))
     with pytest.raises(PerdureError, match="free joint"):
         compiled(replace(ant, model=str(tmp_path / "arm.xml"), joints=("hip",), **one), False)
+
+
+LEG = """<mujoco><worldbody><geom type='plane' size='9 9 1'/><body pos='0 0 3'><freejoint/><geom size='.1'/>
+<body><joint name='hip' axis='0 1 0' actuatorfrcrange='-5 5'/><geom size='.1' pos='0 0 .3'/></body>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("limit", "strength", "torque"), [(None, 1.0, 5.0), ((50.0,), 1.0, 50.0), (None, 1.5, 7.5)])
+def test_a_torque_limit_of_the_contract_or_of_a_disturbance_replaces_the_joints(ant, tmp_path, limit, strength, torque):
+    (tmp_path / "leg.xml").write_text(LEG)
+    one = dict.fromkeys(("default_pose", "damping"), (0.0,)) | dict.fromkeys(("stiffness", "action_scale"), (100.0,))
+    leg = replace(ant, model=str(tmp_path / "leg.xml"), joints=("hip",), trunk=(), effort_limit=limit, **one)
+    model = compiled(leg, False)
+    change_model(model, {"strength": strength})
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 3.0
+    mujoco.mj_forward(model, data)
+    assert (data.actuator_force[0], data.qfrc_actuator[-1]) == (torque, torque)
+
+
+def test_a_term_that_is_scaled_to_nothing_is_zero(ant):
+    scales = (0.0, 1.0, -2.0)
+    env = VelocityCommandEnv(replace(ant, observations=(Term("base_ang_vel", scale=scales, history=1),)))
+    observation = env.reset(seed=0)[0]
+    assert np.isfinite(observation).all()
+    assert observation[0] == 0.0
 
 
 def test_gymnasium_makes_it():

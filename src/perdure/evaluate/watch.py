@@ -27,7 +27,7 @@ from perdure.disturbances import Disturbance, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.envpool import STEP_SECONDS
-from perdure.envs.gymnasium import call, engine_of, make_env
+from perdure.envs.gymnasium import call, engine_of, make_env, read_observation
 from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
@@ -316,7 +316,7 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
             for step in range(episode.end_step + 1, stop + 1):
                 action = acting.act(observations, step - 1)[0]
                 observation, reward, *_ = env.step(action.reshape(space.shape).astype(space.dtype))
-                observations = np.asarray(observation, np.float64)[None]
+                observations = read_observation(render_env.env_id, "step", env.observation_space, observation)[None]
                 yield Instant(step, float(reward), total, env)
     finally:
         world.close()

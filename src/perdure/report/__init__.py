@@ -1,13 +1,5 @@
 """Reports: figures and an HTML page from extrapolation tables, without simulation.
 
-    schema.py      the Parquet table: every column declared once, reading, writing, episodes
-    groups.py      groups of episodes: when they fail, failures per hour, whether start states behave as one
-    estimates.py   estimates of each group, the verdict on it in words, the best clock
-    charts.py      charts as plain functions; a figure as PNG, SVG, PDF, or as a specification in a page
-    figures.py     which figures a table gives
-    page.py        write_report: `page.html` with figures and tables, the figures beside it; the summary as JSON
-    wording.py     numbers for readers
-
 Intervals are from `perdure.stats`. Charts are Vega-Lite specifications, which vl-convert draws; `charts`
 does not depend on tables.
 """

@@ -116,6 +116,7 @@ def _add_controller(spec: Any, contract: Contract, index: int, limit: float) -> 
         limit = float(contract.values("effort_limit")[index])
     elif joint.actfrcrange[0] < joint.actfrcrange[1]:
         limit = min(limit, float(joint.actfrcrange[1]))
+    joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # it would cut a higher or disturbed limit
     made = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     made.gaintype, made.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     stiffness, damping = (float(contract.values(field)[index]) for field in ("stiffness", "damping"))
@@ -183,7 +184,8 @@ class Observer:
         widths = [contract.size(term) for term in terms]
         self._chosen = np.concatenate([np.arange(ends[-1])[self.slots[term.name]] for term in terms])
         self._scale = np.concatenate([np.broadcast_to(t.scale, w) for t, w in zip(terms, widths, strict=True)])
-        ranges = np.sort(np.repeat([term.clip for term in terms], widths, axis=0) * self._scale[:, None])
+        clips = np.where(self._scale[:, None] == 0.0, 0.0, np.repeat([term.clip for term in terms], widths, axis=0))
+        ranges = np.sort(clips * self._scale[:, None])
         self._low, self._high = ranges.clip(-contract.observation_clip, contract.observation_clip).T
         longest, begins = max(term.history for term in terms), np.cumsum([0, *widths])
         self._past, self._empty = np.zeros((longest, begins[-1])), True
