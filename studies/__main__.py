@@ -69,7 +69,9 @@ def run(flags: StudyFlags) -> None:
     if flags.collect is not None:
         if flags.name != "horizon":
             raise PerdureError("--collect belongs to the study horizon")
-        print(f"{len(study.collect(flags.collect, out))} tables and policies written")
+        if not (collected := study.collect(flags.collect, out)):
+            raise PerdureError(f"there is no finished training run in {flags.collect}")
+        print(f"{len(collected)} tables and policies written")
     elif not flags.analyze_only:
         check_on(flags.on)
         units = study.plan(flags.scale, flags.phases or study.PHASES, store)
@@ -79,11 +81,12 @@ def run(flags: StudyFlags) -> None:
             print(f"study {flags.name}, scale {flags.scale}, in {out}\n{text}")
             return
         print(f"study {flags.name}: {study.QUESTION}\nscale {flags.scale}, in {out}", flush=True)
+        Store(store).warn_of_other_source(unit.key for unit in units)
         waiting = lambda: print("studies: another command is running the rest; waiting for it", file=sys.stderr)  # noqa: E731
         with show_progress(f"study {flags.name}") as observe:
             run_missing(units, store, flags.on, flags.cores, observe, waiting)
     written = study.analyze(flags.scale, out)
-    print(f"{len(written)} tables, figures and pages written, such as {written[-1].resolve()}")
+    print(f"{len(written)} tables, figures and pages written" + "".join(f", such as {each}" for each in written[-1:]))
 
 
 def status_text(units: Sequence[Unit], folder: Path) -> str:

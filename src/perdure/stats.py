@@ -6,7 +6,7 @@ Statistical Precipice"; Patterson et al., 2024, "Empirical Design in Reinforceme
 only, the episodes are the units and the interval says so: it then speaks about start states, not about training again.
 
 Fewer than `FEW_UNITS` units get Student's t interval, more a bootstrap: a percentile bootstrap of three units is their
-range, which covers the mean of normal scores 74 times in 100 (two units: 47), Student's t interval 95 times.
+range, which covers the mean of normal scores 75 times in 100 (two units: 50), Student's t interval 95 times.
 
 `scipy.stats` is imported where it is used, because that takes half a second. Errors are ValueErrors.
 """

@@ -121,14 +121,10 @@ def collect(store: Path, out: Path) -> list[Path]:
     """Copy the finished units of a store into the frozen tables and policies under `out`, and return the files.
 
     Training runs of `perdure train --out STORE` are units of it too, whether or not a grid names them.
-
-    Raises:
-        PerdureError: There is no finished training run.
     """
-    if not store.is_dir():
-        raise PerdureError(f"there are no training runs in {store}")
-    finished = Store(store)
-    keys = [key for key in finished.keys("") if key.count("/") >= 2]
+    finished, stages = Store(store), (EVALUATION, MECHANISM, RULES)
+    seeds = [key for key in finished.keys("") if key.rpartition("/")[2].startswith("seed-")]
+    keys = [key for key in seeds if key.count("/") == 2 or key.partition("/")[0] in stages]
     parts: dict[FrozenTable, list[pl.DataFrame]] = {table: [] for table in TABLES}
     policies = []
     for key in keys:
@@ -152,8 +148,6 @@ def collect(store: Path, out: Path) -> list[Path]:
                 for row in rows
             ]
             parts[table].append(pl.DataFrame(found, schema=table.columns))
-    if not parts[LEARNING]:
-        raise PerdureError(f"there is no finished training run in {store}")
     return [*(table.add(out, pl.concat(found)) for table, found in parts.items() if found), *policies]
 
 

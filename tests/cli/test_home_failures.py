@@ -109,7 +109,7 @@ def test_logs_without_failures_are_no_mistake(command, tmp_path):
         (("{logs}", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("{logs}", "--policies", "place"), "SKILL=FILE"),
         (("{logs}", "--out", "{logs}/deeper"), "Not a directory"),
-        (("{logs}", "{logs}"), "twice"),
+        (("{logs}", "{logs}"), "both hold"),
         (("{foreign}",), "foreign.parquet does not say with which options it was made"),
         (("{changed}",), "is not the episode that this package has"),
     ],

@@ -143,6 +143,25 @@ class TestWhatItSays:
     def test_runs_that_agree_have_no_interval_of_width_0(self, synthetic):
         text = summary_text(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))
         assert "16 of 16 episodes (the same share in each of 2 training runs)" in text
+        (estimate,) = estimate_table(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))["Hopper-v3"]
+        assert np.isnan([estimate.verdict.share.lower, estimate.verdict.share.upper]).all(), "null in the summary"
+
+    def test_one_run_that_never_worked_among_others_is_not_no_policy(self, synthetic):
+        stands = {"policy_state": "never worked", "outcome": "unknown", "end_score_vs_training": math.nan}
+        runs = [synthetic([{"rate": 2.0, **(stands if k == 2 else {})}], 3, (k,)) for k in range(5)]
+        first = summary_text(pl.concat(runs)).splitlines()[0]
+        assert "never worked in 3 of 15 episodes" in first
+        assert "no policy works" not in first
+
+    def test_the_best_of_clocks_that_hold_as_often_earns_most_whatever_the_rounding(self, synthetic):
+        """26 of 30 each; the means over three runs differ by 1e-16."""
+        tables = []
+        for steps, rate, failures in ((100, 1.0, (0, 0, 4)), (500, 1.5, (1, 1, 2))):
+            for seed, failed in enumerate(failures):
+                ends = [50_000] * failed + [math.inf] * (10 - failed)
+                group = {"clock": f"constant({steps})", "rate": rate, "ends": ends}
+                tables.append(synthetic([group], 10, (seed,)))
+        assert "Best clock of geometric on these start states: always 500 steps" in summary_text(pl.concat(tables))
 
     def test_nine_of_ten_on_average_holds_whatever_the_rounding(self, synthetic):
         """19 of 20 and 17 of 20: the mean of the shares is 0.8999999999999999."""

@@ -18,7 +18,7 @@ RESULTS = Path(__file__).parents[2] / "results"
         (["horizon", "--phases", "7", "--status"], "[7]"),
         (["horizon", "--on", "cloud"], "here, local, ray or ray:ADDRESS"),
         (["horizon", "--analyze-only", "--out", "none"], "there are no results of the study horizon in none"),
-        (["horizon", "--collect", "none", "--out", "out"], "there are no training runs in none"),
+        (["horizon", "--collect", "none", "--out", "out"], "there is no finished training run in none"),
         (["horizon", "--out", "file"], "Not a directory: 'file'"),
         (["placement", "--analyze-only", "--out", "none"], "there are no results of the study placement in none"),
         (["placement", "--collect", "none"], "--collect belongs to the study horizon"),

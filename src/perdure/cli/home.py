@@ -80,7 +80,7 @@ def list_names() -> None:
     for table in (tasks, skills, kinds):
         for column in table.columns[:-1]:
             column.no_wrap = True
-        Console().print(table)
+        Console(markup=False).print(table)
 
 
 def episode(
@@ -196,7 +196,7 @@ class Shown:
             ),
         )
         if not runs:
-            raise PerdureError(f"the logs hold no such run of {episode.name}: seeds or --place differ")
+            raise PerdureError(f"the logs hold no such run of {episode.name}: index, seeds or --place differ")
         return runs[0].episode, [each.agent(chosen) for each in runs]
 
 

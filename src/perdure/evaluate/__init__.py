@@ -1,7 +1,5 @@
 """Closed-loop evaluation far beyond the training horizon.
 
-An episode is one deployed run: a policy under a clock from a start state.
-
 | file | what it holds |
 |---|---|
 | `run.py` | `extrapolate`: a policy of any kind; functions are evaluated in this process |

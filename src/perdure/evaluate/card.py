@@ -15,7 +15,7 @@ from perdure.errors import PerdureError
 from perdure.evaluate.verdict import HOLDS_FROM
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
-from perdure.report import estimate_table, read_table
+from perdure.report import estimate_table, read_table, wording
 from perdure.report.estimates import Estimate, headline
 from perdure.report.schema import FILE_NOTE
 from perdure.runs import file_digest, write_atomic
@@ -176,10 +176,10 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
             group.disturbance,
             f"{group.test_horizon:,}",
             f"**{estimate.verdict.label}**",
-            f"{float(share.estimate):.0%}",
-            f"{float(share.lower):.0%} to {float(share.upper):.0%}",
+            wording.share(float(share.estimate)),
+            f"{wording.share(float(share.lower))} to {wording.share(float(share.upper))}",
             str(group.episodes),
-            f"{estimate.final_return:,.0f}",
+            wording.quantity(estimate.final_return),
             outcomes,
         ]
         lines.append(f"| {' | '.join(cells)} |")

@@ -16,7 +16,7 @@ import numpy as np
 from perdure.errors import PerdureError
 from perdure.film import GRAY, INK, Picture, Row, annotate, tile
 from perdure.home.evaluate import outcomes
-from perdure.home.evaluate.files import POLICIES, check_distinct, read_log_file, read_note
+from perdure.home.evaluate.files import POLICIES, read_log_files, read_note
 from perdure.home.evaluate.log import EpisodeLog, History, Release, SkillRun
 from perdure.home.evaluate.outcomes import REST_MOVE, Counting, Label
 from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
@@ -115,10 +115,8 @@ def read_logged(
     Raises:
         PerdureError: A file holds no logs, an episode is there twice, or cannot be replayed by this package.
     """
-    files = [(*read_log_file(path), path) for path in paths]
-    check_distinct([log for logs, _, _ in files for log in logs], "the logs")
     found = []
-    for logs, notes, path in files:
+    for logs, notes, path in read_log_files(paths):
         if chosen := [log for log in logs if (wanted(log) if wanted else outcomes.label(log, counting) is not None)]:
             protocol = noted_protocol(notes, path)
             policies = tuple(read_note(notes, "policies", POLICIES).items())

@@ -72,6 +72,8 @@ class Agent:
         words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
         if len(learned) in (0, len(self.policies)):
             words = f"{'learned policies act' if learned else 'the scripted oracle acts'} in every skill"
+        if learned and self.protocol.options.planner == "closed":
+            words += ", in its last attempts the oracle"
         return f"{self.protocol.name}: {words}"
 
 

@@ -34,6 +34,7 @@ from perdure.report.groups import (
 )
 from perdure.report.schema import Episodes, IntArray
 from perdure.stats import (
+    EXACT,
     FailureRate,
     FloatArray,
     Interval,
@@ -217,7 +218,7 @@ class Verdict:
         low, high = float(self.share.lower), float(self.share.upper)
         if self.label == "holds" and low < high and not self.group.runs_alike:
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        elif self.label == "holds" and low == high:  # runs without a difference show no spread, which is no certainty
+        elif self.label == "holds" and self.share.method != EXACT and not low < high:
             counted += f" (the same share in each of {self.share.count} training runs)"
         return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
 
@@ -240,6 +241,8 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
     """Return the verdict on a group of episodes."""
     counts = Counter(group.verdicts)
     share = survival_interval(np.isin(group.verdicts, GOOD), group.runs, rng)
+    if share.lower == share.upper or (group.runs_alike and share.method == EXACT):  # no spread is no certainty
+        share = replace(share, lower=np.array(np.nan), upper=np.array(np.nan))
     label = _label(counts, float(share.estimate))
     by_seed: dict[int, str] = {}
     if len(np.unique(group.runs)) > 1:
@@ -264,7 +267,7 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     step 600".
     """
     first, clauses = f"{verdicts[0].group.task}: ", dict[str, list[Verdict]]()
-    if all(verdict.label == "never worked" for verdict in verdicts):
+    if all({*verdict.group.verdicts} == {"never worked"} for verdict in verdicts):
         return first + "no policy works, even within its training horizon"
     for verdict in verdicts:
         clauses.setdefault(verdict.group.policy_and_clock, []).append(verdict)
@@ -458,7 +461,7 @@ def best_clocks(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iter
 
 def best_clock(estimates: Sequence[Estimate]) -> Estimate:
     """Return the clock with the largest share of episodes that hold, and of those the highest mean return."""
-    return max(estimates, key=lambda item: (float(item.verdict.share.estimate), item.final_return))
+    return max(estimates, key=lambda item: (round(float(item.verdict.share.estimate), 9), item.final_return))
 
 
 def _as_good(group: Group, best: Group, rng: np.random.Generator) -> bool:

@@ -192,7 +192,7 @@ class Group:
         times, failed = failure_times(self.verdicts, self["failed_step"])
         times, hours = np.minimum(times, self["end_step"]) - self["settling"], float(self["step_seconds"][0]) / 3600.0
         settled = times > 0
-        if self.calm or not np.isfinite(hours) or not settled.any():
+        if self.calm or not np.isfinite(hours) or not settled.any() or "never worked" in self.verdicts:
             return None
         return measure_failure_rate(times[settled], failed[settled], hours)
 

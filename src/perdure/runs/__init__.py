@@ -1,14 +1,4 @@
-"""Resumable units of work with a key and a config: run once each, on this machine or on a cluster.
-
-| file | what it holds |
-|---|---|
-| `store.py` | `Store`: one folder per finished unit, written atomically; `Unit`, and `attempt` to run one |
-| `run.py` | `run_missing`: run a graph of units on workers; status, failures |
-| `workers.py` | worker processes on this machine, bound to idle cores; tasks on a Ray cluster |
-| `identity.py` | the SHA-256 of a config, a unit's record, versions of packages |
-| `files.py` | `write_atomic`: replace a file atomically; `read_bounded`: regular files only; locks |
-| `progress.py` | show progress: a bar in a terminal, a line every half minute elsewhere |
-"""
+"""Resumable units of work with a key and a config: run once each, on this machine or on a cluster."""
 
 from perdure.runs.files import open_regular, read_bounded, refuse_replacing, write_atomic, write_result
 from perdure.runs.identity import config_digest, file_digest, versions

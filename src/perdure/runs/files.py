@@ -41,7 +41,7 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     payload = data.encode() if isinstance(data, str) else data
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        mode, prefix = _mode(target), f".partial-{socket.gethostname()}-"
+        mode, prefix = _mode(target), f".partial-{socket.gethostname()}~"
         for leftover in target.parent.glob(f"{prefix}*"):
             _remove_if_dead(leftover, int(leftover.name.removeprefix(prefix).partition("-")[0]))
         temporary = target.with_name(f"{prefix}{os.getpid()}-{secrets.token_hex(6)}")

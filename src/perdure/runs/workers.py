@@ -320,8 +320,8 @@ class RayWorkers:
         # What the largest node has: a task that asks for more would never start.
         nodes = [int(node["Resources"].get("CPU", 0)) for node in self._ray.nodes() if node["Alive"]]
         self._cores = max(1, min(self._cores, max(nodes, default=1)))
-        # Any number of retries: they are for nodes that die. An error of the unit itself is an answer.
-        self._task = self._ray.remote(num_cpus=self._cores, max_retries=-1)(answer)
+        # Retries are for nodes that die, but Ray also counts a unit that ends its process. An error is an answer.
+        self._task = self._ray.remote(num_cpus=self._cores, max_retries=3)(answer)
         return self
 
     def start(self, root: Path, unit: Unit) -> None:

@@ -117,8 +117,17 @@ def test_collected_policies_act_without_a_critic_and_are_collected_once(whole, t
     assert not policy.has_critic
     assert policy.reference is not None
     assert policy.provenance["seed"] == 1
-    run(whole, "--collect", str(whole / "runs"))
+    runs = tmp_path / "runs"
+    shutil.copytree(whole / "runs", runs)
+    shutil.copytree(runs, runs / "horizon-smoke" / "runs")  # of another study
+    shutil.copytree(runs / "InvertedPendulum-v4" / "geometric" / "seed-1", runs / "evaluated" / "groups" / "1f00")
+    run(whole, "--collect", str(runs))
     assert files(whole) == before
+
+
+def test_an_analysis_of_trainings_alone_writes_what_there_is(whole, tmp_path):
+    shutil.copytree(whole / "runs" / "InvertedPendulum-v4", tmp_path / "runs" / "InvertedPendulum-v4")
+    assert "tables, figures and pages written" in run(tmp_path, "--analyze-only")
 
 
 @pytest.mark.verify

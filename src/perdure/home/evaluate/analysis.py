@@ -20,7 +20,7 @@ from perdure.errors import PerdureError
 from perdure.home.evaluate import outcomes
 from perdure.home.evaluate.files import check_distinct
 from perdure.home.evaluate.files import columns as file_columns
-from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
+from perdure.home.evaluate.log import UNTRAINED, EpisodeLog, Release, SkillRun
 from perdure.home.evaluate.outcomes import COUNTINGS, DID_NOT_LAST, FAILURE_CAUSES, OTHER, SUCCESS
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.tasks.tasks import TASKS, get_task
@@ -176,6 +176,11 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
         PerdureError: If there are no logs, or one episode of one strategy and its seeds is there twice.
     """
     check_distinct(logs, "the logs")
+    scripted, learned = (
+        {log.key[:3] for log in logs if (log.train_seed == UNTRAINED) == each} for each in (True, False)
+    )
+    if both := scripted & learned:
+        raise PerdureError(f"{' '.join(min(both))}: with and without learned policies; analyze them apart")
     logs = sorted(logs, key=lambda log: log.key)
     episodes = _frame(EPISODES, ((log, log) for log in logs))
     labels = ((log, (way, outcomes.label(log, way))) for way in COUNTINGS for log in logs)

@@ -249,6 +249,16 @@ def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
         seen.add(record.key)
 
 
+def read_log_files(paths: Sequence[str | os.PathLike[str]]) -> list[tuple[list[EpisodeLog], dict[str, str], Any]]:
+    """Return logs, notes and path of each file; PerdureError if an episode of a strategy is there twice."""
+    files, found = [(*read_log_file(path), path) for path in paths], dict[Any, Any]()
+    for record, path in ((record, path) for logs, _, path in files for record in logs):
+        if record.key in found:
+            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; leave one of the two out")
+        found[record.key] = path
+    return files
+
+
 def digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
     """Return the SHA-256 of notes and rows: Parquet's own checks let most flipped bits through."""
     return hashlib.sha256(repr((sorted({**FORMAT, **notes}.items()), frame.columns, frame.rows())).encode()).hexdigest()

@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import GROUP, Analysis
 from perdure.home.evaluate.comparison import make_tables, make_views, summary, verdict
 from perdure.home.evaluate.figures import make_figures
-from perdure.home.evaluate.files import HAND_OVERS, POLICIES, read_log_file, read_note
+from perdure.home.evaluate.files import HAND_OVERS, POLICIES, read_log_files, read_note
 from perdure.home.evaluate.log import EpisodeLog
 from perdure.report import page as document
 from perdure.report.charts import Format, save, unique
@@ -64,12 +63,7 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
     """
     records, policies, commands = list[EpisodeLog](), dict[tuple[str, ...], None](), dict[str, None]()
     hand_overs: Counter[tuple[str, ...]] = Counter()
-    found: dict[tuple[object, ...], str | os.PathLike[str]] = {}
-    for path in paths:
-        read, notes = read_log_file(path)
-        for record in read:
-            if (other := found.setdefault(record.key, path)) != path:
-                raise PerdureError(f"{other} and {path} both hold {record.name}; leave one of the two files out")
+    for read, notes, _ in read_log_files(paths):
         records += read
         commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
         acting = read_note(notes, "policies", POLICIES)

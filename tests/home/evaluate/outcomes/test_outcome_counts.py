@@ -304,6 +304,12 @@ def test_the_placements_of_a_plan_that_looks_again_are_the_first_ones():
     assert placement(repaired(), 0).step > placement(repaired(), 1).step > placement(repaired(), 0, once=True).step
 
 
+def test_logs_of_the_oracle_are_no_training_seed_of_a_policy():
+    learned = repaired()
+    with pytest.raises(PerdureError, match="val story: with and without learned policies; analyze them apart"):
+        analyze([learned, replace(learned, train_seed=history.UNTRAINED)])
+
+
 def test_the_final_state_is_that_of_the_last_five_seconds():
     assert final_state(good())
     late = Story().rest(range(3)).log(settle=200, meanwhile=out_and_back)
