@@ -15,9 +15,9 @@ WITHIN_S = 300
 waits for its pending work takes many minutes."""
 START_S = 300
 COMMANDS = {
-    "train": ("train", "Hopper-v3", "--seeds", "0", "1", "--cores", "1", "--out", "out"),
+    "train": ("train", "Hopper-v3", "--ppo.total-steps", "1e8", "--seeds", "0", "1", "--cores", "1", "--out", "out"),
     "extrapolate": ("extrapolate", "HalfCheetah-v3/ppo", "--steps", "1000000", "--eval-seeds", "4", "--out", "out"),
-    "home run": ("home", "run", "set_table", "--episodes", "100", "--out", "out"),
+    "home run": ("home", "run", "set_table", "--train-seeds", "3", "--eval-seeds", "10", "--out", "out"),
 }
 
 
