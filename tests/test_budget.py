@@ -12,7 +12,7 @@ MOST_LINES = 36_335
 """Lines of Python in CODE."""
 MOST_FILES = 165
 """Python files in CODE."""
-MOST_WORDS = 28_896
+MOST_WORDS = 28_898
 """Words, as `wc -w` counts them, of README, CONTRIBUTING, CHANGELOG and the pages in docs and results."""
 MOST_TABLES = 25e6
 """Bytes of tables and figures in results."""

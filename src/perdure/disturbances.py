@@ -255,7 +255,7 @@ class Disturber:
                 if level := self._of.get("time_step"):
                     steps = env.unwrapped.frame_skip
                     env.unwrapped.frame_skip = round(steps / level)
-                    if abs(env.unwrapped.frame_skip * level - steps) > 1e-6:  # the policy would act more or less often
+                    if abs(env.unwrapped.frame_skip * level - steps) > 1e-3 * steps:  # another control rate
                         raise PerdureError(f"{name}: time_step:{level:g} is not {steps} divided by a whole number")
                 if {"mass", "payload"} & self._of.keys():
                     mujoco.mj_setConst(model, data)  # quantities that MuJoCo derives from masses

@@ -136,6 +136,16 @@ def test_half_the_time_step_keeps_the_control_rate():
     world.close()
 
 
+@pytest.mark.parametrize("steps", [1, 3, 6, 7, 12])
+def test_a_time_step_is_the_one_that_its_label_names(steps):
+    """Units of an evaluation read the label, which has six digits."""
+    label = parse_disturbance(f"time_step:{4 / steps}").label
+    world = make_world("gymnasium:Hopper-v4", [0])
+    DisturbedWorld(world, [parse_disturbance(label)], [0])
+    assert world.environments[0].unwrapped.frame_skip == steps
+    world.close()
+
+
 @pytest.mark.parametrize(("task", "level"), [("HalfCheetah-v4", 2.0), ("Hopper-v4", 3.0), ("Hopper-v4", 10.0)])
 def test_a_time_step_that_changes_the_control_rate_is_refused(task, level):
     world = make_world(f"gymnasium:{task}", [0])

@@ -145,6 +145,9 @@ class TestWhatItSays:
         assert "16 of 16 episodes (the same share in each of 2 training runs)" in text
         (estimate,) = estimate_table(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))["Hopper-v3"]
         assert np.isnan([estimate.verdict.share.lower, estimate.verdict.share.upper]).all(), "null in the summary"
+        ends = [math.inf] * 19 + [5000]  # three times 19 of 20: the bounds differ by 5e-16
+        text = summary_text(synthetic([{"rate": 2.0, "ends": ends}], episodes=20, train_seeds=(0, 1, 2)))
+        assert "57 of 60 episodes (the same share in each of 3 training runs)" in text
 
     def test_one_run_that_never_worked_among_others_is_not_no_policy(self, synthetic):
         stands = {"policy_state": "never worked", "outcome": "unknown", "end_score_vs_training": math.nan}
@@ -532,6 +535,9 @@ def test_the_page_names_the_policy_file_to_watch_and_how_it_failed(synthetic, tm
     page = write_report(table, tmp_path, "x", ()).read_text()
     words = "--until-failure --steps 100000 --first-eval-seed 3 --disturb push:0.5 mass:1.1 --out failure.mp4"
     assert f"watch POLICY {words}" in page
+    without = table.with_columns(not_applied=pl.lit("mass"))
+    page = write_report(without, tmp_path, "x", ()).read_text()
+    assert "--first-eval-seed 3 --disturb push:0.5 --out failure.mp4" in page
     assert "watch POLICY" not in write_report(table, tmp_path, "x", (), {"command": "of a function"}).read_text()
     page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
     assert "watch POLICY --until-failure --steps 100000 --clock constant:500 --out failure.mp4" in page

@@ -60,7 +60,7 @@ def resumes(args: Sequence[str]) -> bool:
     from perdure.cli.subjects import is_function
 
     command = " ".join(args[: 2 if args and args[0] == "home" else 1])
-    return command in RESUMING and not any(map(is_function, args[1:2]))
+    return command in RESUMING and not any(map(is_function, args[1:]))
 
 
 def example(command: str) -> str:

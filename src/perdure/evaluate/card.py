@@ -177,7 +177,7 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
             f"{group.test_horizon:,}",
             f"**{estimate.verdict.label}**",
             wording.share(float(share.estimate)),
-            f"{wording.share(float(share.lower))} to {wording.share(float(share.upper))}",
+            " to ".join(dict.fromkeys(wording.share(float(bound)) for bound in (share.lower, share.upper))),
             str(group.episodes),
             wording.quantity(estimate.final_return),
             outcomes,

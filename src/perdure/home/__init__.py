@@ -10,8 +10,6 @@ Subpackages, each built on those before it:
 
 A lane is one of several episodes that run side by side. M3 is Gu et al., Multi-skill Mobile Manipulation (2023), whose
 code (hab-mobile-manipulation) most definitions follow. "Our choice" marks what this package decided itself.
-
-Importing this package imports NumPy and nothing heavier; MuJoCo and SciPy are imported where they are used.
 """
 
 from perdure.home.sim.apartments import build_apartment, make_apartment

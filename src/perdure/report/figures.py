@@ -97,7 +97,7 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
     for item, look, (times, failed) in zip(chosen, _styles(chosen, shown), known, strict=True):
         at, share = kaplan_meier(times, failed)
         lower, upper = (np.full(len(at) + 2, np.nan) for _ in range(2))
-        if item.working.count >= FEWEST_FOR_INTERVAL:
+        if item.working.count >= FEWEST_FOR_INTERVAL and np.isfinite(item.verdict.share.lower):
             lower[-1], upper[-1] = item.working.last()
         x = np.clip([low, *at, float(item.group.test_horizon)], low, high)
         y, watched = np.array([1.0, *share, share[-1]]), times.astype(np.float64)

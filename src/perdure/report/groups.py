@@ -185,7 +185,7 @@ class Group:
 
     @cached_property
     def failure_rate(self) -> FailureRate | None:
-        """Failures per hour of disturbed episodes after they settled; None where the seconds of a step are unknown.
+        """Failures per hour of disturbed episodes after settling; None without a step's seconds or if one never worked.
 
         Calm episodes have none: they hardly differ, so they are no independent exposure.
         """

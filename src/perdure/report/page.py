@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from perdure.disturbances import CALM
+from perdure.disturbances import CALM, parse_disturbances
 from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import (
@@ -235,7 +235,10 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
     if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
         clock = group.clock.replace("(", ":").rstrip(")")
         first = int(group["eval_seed"][group.failed].min())
-        options = {"steps": group.test_horizon, "first-eval-seed": first, "clock": clock, "disturb": group.disturbance}
+        left_out = group["not_applied"][0].split(", ")
+        met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
+        disturb = " ".join(met) if any(left_out) else group.disturbance
+        options = {"steps": group.test_horizon, "first-eval-seed": first, "clock": clock, "disturb": disturb}
         flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM))
         watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
         sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))

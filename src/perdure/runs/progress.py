@@ -98,7 +98,7 @@ class Lines:
 
 
 class _Pace:
-    """Work since the first report: neither compilation counts nor what a unit had done before it was resumed."""
+    """Work since the first report: neither compilation counts nor what was resumed with it."""
 
     def __init__(self, measure: str) -> None:
         self._measure = measure
@@ -106,10 +106,9 @@ class _Pace:
         self._began = 0.0
 
     def note(self, status: Status) -> None:
-        first = not self._before
-        self._began = time.monotonic() if first else self._began
-        known = {key: each for key, each in status.items() if each.share and (first or each.state == "running")}
-        self._before = known | self._before
+        if not self._before:
+            self._before = {key: each for key, each in status.items() if each.share}
+            self._began = time.monotonic()
 
     def words(self, status: Status) -> tuple[str, str]:
         """Return the work per second and the time left; "" where they are not known."""
