@@ -14,6 +14,8 @@ WITHIN_S = 300
 """On an idle machine it takes half a second; more is allowed, because others compute at the same time. A command that
 waits for its pending work takes many minutes."""
 START_S = 300
+HEARS_CTRL_C = ("env", "--default-signal=INT")
+"""A command that a shell starts in the background ignores it, and so does all that it starts."""
 COMMANDS = {
     "train": ("train", "Hopper-v3", "--ppo.total-steps", "1e8", "--seeds", "0", "1", "--cores", "1", "--out", "out"),
     "extrapolate": ("extrapolate", "HalfCheetah-v3/ppo", "--steps", "1000000", "--eval-seeds", "4", "--out", "out"),
@@ -30,7 +32,7 @@ COMMANDS = {
     ],
 )
 def test_a_command_that_is_interrupted_ends_at_once_with_its_workers(tmp_path, name, how):
-    command = [sys.executable, "-m", "perdure", *COMMANDS[name]]
+    command = [*HEARS_CTRL_C, sys.executable, "-m", "perdure", *COMMANDS[name]]
     process = subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -197,7 +197,8 @@ def test_what_was_done_before_a_resume_is_not_work_of_this_command(monkeypatch, 
 
 
 ASKS = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background ignores it
 sys.path.insert(0, sys.argv[1])
 from perdure.runs import Unit, run_missing
 
