@@ -110,7 +110,7 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
         steps=True,
         width=HALF if title else charts.WIDE,
     )
-    note = f"{selected}{_FAILURE}{_notes(chosen, 'working', 'Bars at the right: at the last step,')}"
+    note = f"{selected}{_FAILURE}{_notes(chosen, 'working', 'Bars where episodes differ: at the last step,')}"
     return Figure(slug("working", title), _titled("Episodes that have not failed", title), chart, note, wide=not title)
 
 
