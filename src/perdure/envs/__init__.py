@@ -1,14 +1,4 @@
-"""Vectorized environments with one interface (`World`): no autoreset, separate `terminated` and `truncated`.
-
-| file | what it holds |
-|---|---|
-| `world.py` | the interface `World`; the result of a step, the description of a task; lanes and checks of arguments |
-| `envpool.py` | EnvPool's compiled tasks |
-| `gymnasium.py`, `vector_env.py` | one Gymnasium environment a lane; any Gymnasium `VectorEnv` |
-| `suites.py` | task suites, `make_world`, `list_tasks`, and what the name of an environment means |
-| `opening.py` | `open_env`: worlds from a name, a factory or a VectorEnv |
-| `traced.py` | a world inside a compiled JAX program; not imported here, because it imports JAX |
-"""
+"""Vectorized environments with one interface (`World`): no autoreset, separate `terminated` and `truncated`."""
 
 from perdure.envs.envpool import EnvPoolWorld
 from perdure.envs.gymnasium import GymnasiumWorld, batch_of

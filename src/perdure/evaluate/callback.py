@@ -31,8 +31,8 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
         env: A name, or a factory that applies the wrappers of training.
         every_steps: Training steps between two evaluations.
         steps: Steps of an evaluated episode.
-        options: As `perdure.extrapolate` takes them, such as `eval_seeds`, `disturb` and `training_horizon`. By default
-            there are 3 calm episodes, and 36 of 10,000 steps under standard-1.
+        options: As `perdure.extrapolate` takes them, but not `hours`, `out` or `recurrent`. By default there
+            are 3 calm episodes, and 36 of 10,000 steps under standard-1.
     """
 
     def __init__(self, env: Any, *, every_steps: int = 100_000, steps: int = 10_000, **options: Any) -> None:

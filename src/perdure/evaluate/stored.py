@@ -51,7 +51,7 @@ from perdure.runs import (
     core_count,
     run_missing,
     versions,
-    write_result,
+    write_atomic,
 )
 from perdure.schema import Parquet, checked, parquet_bytes, printable
 
@@ -498,7 +498,7 @@ def evaluate_group(
         for identity, clock, seed in episodes
     ]
     rows = run_episodes(used, policies, specs, work.report, success=success)
-    write_result(work.folder / TABLE, parquet_bytes(rows))
+    write_atomic(work.folder / TABLE, parquet_bytes(rows))
 
 
 def _collect(store: Store, keys: Sequence[str], episodes: Sequence[Identity], labels: Sequence[str]) -> pl.DataFrame:

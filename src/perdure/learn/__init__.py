@@ -1,11 +1,4 @@
-"""Training: PPO as in Stable-Baselines3 with a configurable horizon, in runs that resume after a kill.
-
-| file | what it holds |
-|---|---|
-| `config.py`, `presets.py` | settings; tuned hyperparameters of each task with their source, and the methods |
-| `ppo.py`, `rollout.py`, `advantages.py`, `networks.py` | PPO; each iteration is a few compiled JAX programs |
-| `run.py`, `checkpoint.py` | runs in segments: seeds, files, the interface of algorithms; state between segments |
-"""
+"""Training: PPO as in Stable-Baselines3 with a configurable horizon, in runs that resume after a kill."""
 
 from perdure.learn.config import PPOConfig
 from perdure.learn.presets import METHODS, Method, default_clock, method_config

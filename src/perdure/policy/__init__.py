@@ -1,16 +1,4 @@
-"""Policies: each is stored in one file with everything needed to act.
-
-| file | what it holds |
-|---|---|
-| `policy.py` | `Policy`, its `Normalizer`, `TaskInfo` |
-| `network.py` | the forward pass in NumPy, each row independent of the others |
-| `closed_loop.py` | policies of any origin (`PolicyLike`, `FunctionPolicy`) acting in a world |
-| `divergence.py` | simulations that diverged |
-| `reference.py` | episodes within the training horizon |
-| `files.py` | `save_policy`, `load_policy`, `find_policy`: one safetensors file with a checksum |
-| `readers/` | models of Stable-Baselines3, sb3-contrib, CleanRL and rsl_rl |
-| `onnx.py` | export to ONNX, and ONNX models as policies |
-"""
+"""Policies: each is stored in one file with everything needed to act."""
 
 from perdure.policy.closed_loop import (
     ActingEpisodes,

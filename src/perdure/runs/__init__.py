@@ -1,6 +1,6 @@
 """Resumable units of work with a key and a config: run once each, on this machine or on a cluster."""
 
-from perdure.runs.files import open_regular, read_bounded, refuse_replacing, write_atomic, write_result
+from perdure.runs.files import open_regular, read_bounded, refuse_replacing, write_atomic
 from perdure.runs.identity import config_digest, file_digest, versions
 from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing
 from perdure.runs.store import Store, Unit, Work, attempt
@@ -30,5 +30,4 @@ __all__ = [
     "run_missing",
     "versions",
     "write_atomic",
-    "write_result",
 ]

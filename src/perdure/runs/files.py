@@ -12,7 +12,6 @@ import os
 import secrets
 import socket
 import stat
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,26 +59,6 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
     except OSError as error:
         raise type(error)(error.errno, error.strerror, os.fspath(path)) from error
     return Path(path)
-
-
-def write_result(path: Path, data: bytes) -> Path:
-    """Write a result atomically; if that fails, save it to a new temporary folder.
-
-    Raises:
-        PerdureError: The result is in the temporary folder; the message names it and how to continue.
-        OSError: It could not be written to the temporary folder either.
-    """
-    try:
-        return write_atomic(path, data)
-    except OSError as error:
-        try:
-            kept = write_atomic(Path(tempfile.mkdtemp(prefix="perdure-kept-"), path.name), data)
-        except OSError:
-            raise error from None
-        raise PerdureError(
-            f"{os.fspath(path)}: {error.strerror}; the finished result is kept in {kept}: make the disk writable, "
-            f"copy it to {os.fspath(path)} and run the same command"
-        ) from error
 
 
 def read_bounded(path: str | os.PathLike[str], most: int) -> bytes:

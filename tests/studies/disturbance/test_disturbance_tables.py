@@ -150,5 +150,8 @@ def test_of_the_runs_that_hold_when_calm_so_many_hold_when_disturbed():
         holds=((pl.col("outcome") == "holds") & (pl.col("policy_state") == "worked")).mean() >= 0.9
     )
     wide = runs.pivot(on="condition", index=["task", "method", "train_seed"], values="holds").filter("calm")
-    assert len(wide) == 53
-    assert wide.select("action noise 0.1", "pushes", "standard-1").sum().row(0) == (18, 18, 36)
+    noise, pushes, mild = wide.select("action noise 0.1", "pushes", "standard-1").sum().row(0)
+    said = (
+        f"Of {len(wide)} training runs that hold when calm, {noise} hold under 10 % action noise, {pushes} under pushes"
+    )
+    assert f"{said} and {mild} under" in " ".join((RESULTS / "README.md").read_text().split())

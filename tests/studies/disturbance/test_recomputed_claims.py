@@ -126,6 +126,13 @@ def interval(pairs):
     return np.quantile(np.mean([a - b for a, b in drawn], axis=0), (0.025, 0.975))
 
 
+def test_a_discount_of_0_999_alone_makes_ppo_work_longer_under_noise():
+    methods = "ppo-gamma-0.999", "ppo"
+    pairs = [[values(task, method, NOISE, "working share") for method in methods] for task in PRESETS]
+    assert np.mean([a.mean() - b.mean() for a, b in pairs]) == pytest.approx(0.31, abs=0.005)
+    assert interval(pairs) == pytest.approx([0.175, 0.445], abs=0.005)
+
+
 @pytest.mark.parametrize("condition", [NOISE, PUSHES])
 def test_disturbed_the_method_and_a_discount_of_0_999_are_undecided_as_the_page_says(condition):
     methods = "geometric", "ppo-gamma-0.999"

@@ -173,13 +173,12 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     """Analyze logs of any tasks, splits, strategies and seeds together; `seed` is the bootstrap's.
 
     Raises:
-        PerdureError: If there are no logs, or one episode of one strategy and its seeds is there twice.
+        PerdureError: If there are no logs, one episode of one strategy and its seeds is there twice, or a strategy is
+            there with and without learned policies.
     """
     check_distinct(logs, "the logs")
-    scripted, learned = (
-        {log.key[:3] for log in logs if (log.train_seed == UNTRAINED) == each} for each in (True, False)
-    )
-    if both := scripted & learned:
+    groups = {(log.key[:3], log.train_seed == UNTRAINED) for log in logs}
+    if both := {group for group, untrained in groups if (group, not untrained) in groups}:
         raise PerdureError(f"{' '.join(min(both))}: with and without learned policies; analyze them apart")
     logs = sorted(logs, key=lambda log: log.key)
     episodes = _frame(EPISODES, ((log, log) for log in logs))

@@ -22,7 +22,7 @@ import numpy as np
 from perdure.errors import PerdureError
 from perdure.home.evaluate.log import Column, EpisodeLog
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.runs import write_result
+from perdure.runs import write_atomic
 from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
         raise PerdureError(f"the logs for {os.fspath(path)} cannot be written: {error}") from None
     buffer, about = io.BytesIO(), {**FORMAT, **notes, "sha256": digest(frame, notes)}
     frame.write_parquet(buffer, metadata=about, compression_level=12)
-    return write_result(Path(path), buffer.getvalue())
+    return write_atomic(Path(path), buffer.getvalue())
 
 
 def read_logs(path: str | os.PathLike[str]) -> list[EpisodeLog]:

@@ -178,8 +178,6 @@ def run_block(
     Raises:
         PerdureError: If a policy file has changed since the unit was made.
     """
-    if (work.folder / LOGS).is_file():  # put there by hand, after the disk had been full
-        return
     options = replace(protocol.options, eval_seed=block.eval_seed, threads=work.threads)
     train_seed = block.train_seed if any(each.learned for each in policies.values()) else UNTRAINED
     agents = make_agents(policies, protocol.release.strategy)
