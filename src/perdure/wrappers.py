@@ -321,5 +321,7 @@ def read_success(where: str, info: Any, key: str | None) -> float:
             return float(value.item())
     if key is None:
         return math.nan
-    found = f"is {entries[key]!r}" if key in entries else f"is missing; there are {', '.join(map(str, entries))}"
+    found = (
+        f"is {entries[key]!r}" if key in entries else f"is missing; there are {', '.join(map(str, entries)) or 'none'}"
+    )
     raise PerdureError(f"{where}: info[{key!r}] must be True or False after every step, it {found}")

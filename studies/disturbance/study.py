@@ -125,12 +125,12 @@ def analyze(scale: str, out: Path) -> list[Path]:
         raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
     tables = all_tables(read_parquet_file(out / EPISODES))
     tables["cure"] = cure_table(read_parquet_file(out / EPISODES), "0 to 9")
-    if (out / FRESH).is_file():
-        fresh = read_parquet_file(out / FRESH)
+    fresh = read_parquet_file(out / FRESH) if (out / FRESH).is_file() else None
+    if fresh is not None:
         tables["claims"] = claims_table(fresh)
         pilots = [cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh)] if (out / PILOTS).is_file() else []
         tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19"), *pilots], how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
-    written += save(draw_figures(tables), out / "figures", ("svg",))
+    written += save(draw_figures(tables, fresh), out / "figures", ("svg",))
     page = out / "README.md"
     return [*written, include_tables(page, page_tables(tables))] if page.is_file() else written

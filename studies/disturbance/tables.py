@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 import polars as pl
 
 from perdure.report.charts import Axis, Figure, Points, point_chart, style
 from perdure.report.estimates import HOLDING_SHARE
-from perdure.stats import FloatArray, mean_interval, median_time
+from perdure.stats import FloatArray, compare_with, mean_interval, median_time
+from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
 from studies.disturbance.grid import CONDITIONS, TASKS
 from studies.horizon.grid import METHODS
 
@@ -19,7 +21,8 @@ PREDICTORS = ("calm", "standard-1", "both")
 """Whose share of episodes that hold foresees; both: the mean of the two."""
 RESAMPLES = 2000
 DRAWN = ("ppo", "geometric", "ppo-average-reward", "ppo-undiscounted")
-DRAWN_UNDER = ("calm", "action noise 0.1")
+DRAWN_UNDER = (CALM, NOISE)
+FRESH_DRAWN = ("ppo", "ppo-gamma-0.999", "geometric")
 MAIN = (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah")
 """Of the settings of a task the one that is shown."""
 
@@ -138,20 +141,44 @@ def _bootstrap(score: FloatArray, held: np.ndarray, rng: np.random.Generator) ->
     return (float(np.quantile(found, 0.025)), float(np.quantile(found, 0.975))) if found.size else (np.nan, np.nan)
 
 
-def draw_figures(tables: Mapping[str, pl.DataFrame]) -> Iterator[Figure]:
-    """Draw the working share of the main methods, calm and under noise, on the tasks that some policy fails."""
-    rows = pl.DataFrame([(robot, name) for robot in TASKS for name in DRAWN_UNDER], ("task", "condition"), orient="row")
+def draw_figures(tables: Mapping[str, pl.DataFrame], fresh: pl.DataFrame | None = None) -> Iterator[Figure]:
+    """Draw how long policies work: earlier runs, calm and under noise, and fresh ones (episodes), disturbed."""
+    note = "Bars: 95 % intervals over training runs ({}), five start states each. Failure: as the verdict has it."
+    title, left = "How long policies work, ", tables["left"].filter(MAIN)
+    yield _figure("working", title + "calm and under action noise", left, DRAWN, DRAWN_UNDER, note.format("3 to 10"))
+    if fresh is not None:
+        drawn = fresh_shares(measure_runs(fresh)), FRESH_DRAWN, (NOISE, PUSHES)
+        yield _figure("fresh", title + "disturbed", *drawn, note.format("10"))
+
+
+def fresh_shares(runs: pl.DataFrame) -> pl.DataFrame:
+    """Return the working share of each task, method and condition as `left_table` has it, from `measure_runs`."""
+    rows = []
+    for (task, condition, method), part in runs.group_by("task", "condition", "method"):
+        found = compare_with(part["working share"], 0.0)
+        low, high = np.clip((found.lower, found.upper), 0.0, 1.0)
+        rows.append((task, condition, METHODS[str(method)], found.estimate, low, high))
+    names = ("task", "condition", "method", "working share", "working low", "working high")
+    return pl.DataFrame(rows, names, orient="row")
+
+
+def _figure(
+    name: str, title: str, shares: pl.DataFrame, methods: Sequence[str], conditions: Sequence[str], note: str
+) -> Figure:
+    """Draw a row for each task and condition, a series for each method."""
+    rows = pl.DataFrame(list(product(TASKS, conditions)), ("task", "condition"), orient="row")
     series = []
-    for place, method in enumerate(DRAWN):
-        found = tables["left"].filter(MAIN, method=METHODS[method])
-        mine = rows.join(found, rows.columns, "left", maintain_order="left").with_row_index().drop_nulls("left")
-        middle, low, high = (mine[f"working {name}"].to_numpy() for name in ("share", "low", "high"))
+    for place, method in enumerate(methods):
+        found = shares.filter(method=METHODS[method])
+        mine = (
+            rows.join(found, rows.columns, "left", maintain_order="left").with_row_index().drop_nulls("working share")
+        )
+        middle, low, high = (mine[f"working {each}"].to_numpy() for each in ("share", "low", "high"))
         points = Points(METHODS[method], mine["index"].to_list(), middle, style(place), low, high)
         series += [points] * bool(len(mine))
-    labels = [f"{task.removesuffix('-v3')}, {name.removeprefix('action ')}" for task, name in rows.iter_rows()]
+    labels = [f"{task.removesuffix('-v3')}, {each.removeprefix('action ')}" for task, each in rows.iter_rows()]
     chart = point_chart(labels, series, Axis("steps before failure, as a share of 10,000", low=0.0, high=1.0))
-    note = "Bars: 95 % intervals over training runs (3 to 10), five start states each. Failure: as the verdict has it."
-    yield Figure("working", "How long policies work, calm and under action noise", chart, note)
+    return Figure(name, title, chart, note)
 
 
 def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:

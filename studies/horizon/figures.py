@@ -267,4 +267,6 @@ def _critic_figure(results: Results) -> Iterator[Figure]:
     }
     if unexplained:
         note = "Share of the variance of the returns to go that the value does not explain. {intervals}"
-        yield _setting_figure(unexplained, slug(measure), f"The critic: {measure}", measure, note, rings=False)
+        yield _setting_figure(
+            unexplained, slug(measure), "What the critic explains", "unexplained share of variance", note, rings=False
+        )

@@ -57,7 +57,8 @@ MISTAKES = {
     "report of a missing table": ("none.parquet", "report", "none.parquet"),
     "report of a folder without a table": ("/episodes.parquet does not exist", "report", "{files}"),
     "report of a policy": ("timed.safetensors", "report", "{files}/timed.safetensors"),
-    "out is a file": ("foreign.txt", *EVALUATE, "--steps", 10, "--out", "{files}/foreign.txt"),
+    "an environment without a policy": ("no policy to evaluate", "extrapolate", "--env", "Pendulum-v1"),
+    "out is a file": ("foreign.txt", *EVALUATE, *("--steps", 10, "--disturb", "none"), "--out", "{files}/foreign.txt"),
     "out is inside a file": ("foreign.txt", *PENDULUM, *TINY, "--out", "{files}/foreign.txt/runs"),
 }
 

@@ -109,6 +109,7 @@ def test_an_interruption_that_python_drops_comes_again_and_once(number, code):
     [
         (("extrapolate", "a.safetensors"), "run the same command to continue"),
         (("home", "run", "set_table"), "run the same command to continue"),
+        (("train", "Hopper-v3", "--on", "ray:auto"), "run the same command to continue"),
         (("extrapolate", "a.onnx", "--env", "Hopper-v5"), "run the same command to continue"),
         (("extrapolate", "my_policies:walk", "--env", "Hopper-v5"), "the same command starts from the beginning"),
         (("home", "video", "set_table"), "the same command starts from the beginning"),

@@ -83,6 +83,21 @@ def test_the_identity_of_a_training_run_has_the_whole_package(package):
     assert "source" not in TrainRun("Hopper-v3", "ppo", method_config("ppo", "Hopper-v3", 11)).identity(0)
 
 
+@pytest.mark.parametrize("kind", ["package", "folder"])
+def test_so_has_the_digest_with_its_robot_and_without_an_init_file(package, kind):
+    if kind == "folder":
+        (package / "__init__.py").unlink()
+    robot, found = package / "assets" / "robot.xml", [task_source_digest(TASK)]
+    robot.parent.mkdir()
+    for text in ("<mujoco/>", "<mujoco model='other'/>"):
+        robot.write_text(text)
+        found.append(task_source_digest(TASK))
+    edit(package, reward=2.0)
+    found.append(task_source_digest(TASK))
+    assert all(list(each) == ["edited_worlds"] for each in found)
+    assert len({each["edited_worlds"] for each in found}) == 4
+
+
 @pytest.mark.parametrize("task", ["Hopper-v3", "gymnasium:Pendulum-v1", "gymnasium:no_such_module:Id-v0"])
 def test_other_tasks_have_no_source_of_the_user_s(task):
     assert task_source_digest(task) == {}

@@ -133,7 +133,9 @@ class TestAnEpisodeThatEndsAtItsGoal:
 
     def test_one_condition_that_reaches_it_is_enough_to_know_that_the_task_has_a_goal(self, tmp_path):
         idle = evaluated(lambda seen: np.zeros((len(seen["observation"]), 1))).frame
-        table = pl.concat([evaluated(approach).frame, idle.with_columns(disturbance=pl.lit("push:9"))])
+        table = pl.concat(
+            [evaluated(approach).frame, idle.with_columns(disturbance=pl.lit("push:9"), not_applied=pl.lit(""))]
+        )
         result = estimate_table(table.with_columns(step_seconds=0.04))
         calm, pushed = (each.verdict for each in result["Reach"])
         assert (calm.label, pushed.label) == ("reaches its goal", "misses its goal")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,18 +11,19 @@ import numpy as np
 import polars as pl
 import pytest
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 from probes import Cue, Dial, Falling
 from scripted import policy_for
 
 import perdure
 from perdure.envs import GymnasiumWorld, make_world
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.evaluate.reference import constant_actions, measure_idle
 from perdure.horizon import Fixed
-from perdure.policy import TaskInfo, save_policy
+from perdure.policy import Normalizer, TaskInfo, save_policy
 from perdure.report import read_table
+from perdure.report.estimates import estimate_table, headline
 from perdure.runs import Store
 from perdure.wrappers import HorizonLimit
 
@@ -72,6 +74,12 @@ class TestAFunctionIsJudgedLikeAPolicyFile:
         path = save_policy(timed, tmp_path / "timed.safetensors")
         for policy in (timed, path, [str(path)]):
             assert extrapolate(policy, **options, on="here").frame.equals(by_file.frame)
+
+    def test_the_noise_of_a_file_without_reference_episodes_has_the_spread_that_they_had(self, timed, tmp_path):
+        raw = replace(timed, normalizer=Normalizer.identity(timed.task.observation_size), reference=None)
+        path, options = save_policy(raw, tmp_path / "raw.safetensors"), {"steps": 60, "eval_seeds": 2, "on": "here"}
+        tables = [extrapolate(each, **options, disturb="observation_noise:0.5").frame for each in (raw, path)]
+        assert tables[1].equals(tables[0])
 
     def test_another_function_has_another_table(self, by_file):
         def function(observations, *, elapsed, horizon):
@@ -378,6 +386,34 @@ def test_an_environment_with_a_training_horizon_is_refused():
         extrapolate(lambda seen: np.zeros((len(seen), 1)), limited, steps=5, eval_seeds=1)
     with pytest.raises(PerdureError, match="ends episodes at a training horizon"):
         extrapolate(lambda seen: np.zeros((len(seen), 1)), SyncVectorEnv([limited] * 2), steps=5)
+
+
+@pytest.mark.parametrize("wrapper", [NormalizeObservation, NormalizeReward])
+def test_statistics_that_go_on_are_refused_and_those_of_training_are_not(wrapper):
+    """A reward that is divided by a running scale is another reward; the policy has not seen such observations."""
+
+    def normalized(running):
+        env = wrapper(gymnasium.make("Pendulum-v1"))
+        env.update_running_mean = running
+        return env
+
+    with pytest.raises(PerdureError, match=f"Pendulum-v1: the statistics of {wrapper.__name__} begin anew"):
+        extrapolate(still, lambda: normalized(True), steps=5, eval_seeds=1)
+    assert len(extrapolate(still, lambda: normalized(False), steps=5, eval_seeds=1).final()) == 1
+
+
+@pytest.mark.parametrize(("name", "value"), [("on", "lokal"), ("cores", 0)])
+def test_where_files_run_is_checked_for_functions_too(name, value):
+    with pytest.raises(PerdureError, match=f"{name}.*{value}"):
+        extrapolate(still, Falling, steps=5, **{name: value})
+
+
+def test_what_a_world_cannot_do_of_the_standard_set_is_said():
+    with pytest.warns(PerdureWarning, match="not applied of standard-1: .*push"):
+        result = extrapolate(still, "Pendulum-v1", steps=20, eval_seeds=2, training_horizon=20, disturb="standard-1")
+    (left_out,), (found,) = set(result.final()["not_applied"]), estimate_table(result.frame).values()
+    assert "friction, mass, push, strength" in left_out
+    assert f"under standard-1 without {left_out}" in headline([each.verdict for each in found])
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_policy_is_called(tmp_path):

@@ -325,7 +325,7 @@ class TestStills:
         model = tmp_path / "walker.onnx"
         export_onnx(load_policy(find_policy("Hopper-v3/ppo")), model)
         disturb, env = ("observation_noise:0.1", "push:0.5"), "gymnasium:Hopper-v4"
-        asked = Extrapolation((model,), 1000, eval_seeds=2, disturb=disturb, env=env)
+        asked = Extrapolation((model,), 1000, eval_seeds=2, disturb=disturb, env=env, training_horizon=40)
         result = evaluate_files(asked, tmp_path, on="here", cores=1)
         assert self.drawn((model, result), tmp_path).exists()
 

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from itertools import pairwise
 
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/index.md"
 USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
@@ -60,7 +61,8 @@ def resumes(args: Sequence[str]) -> bool:
     from perdure.cli.subjects import is_function
 
     command = " ".join(args[: 2 if args and args[0] == "home" else 1])
-    return command in RESUMING and not any(map(is_function, args[1:]))
+    subjects = [word for before, word in pairwise(args) if before != "--on"]  # ray:ADDRESS is no MODULE:FUNCTION
+    return command in RESUMING and not any(map(is_function, subjects))
 
 
 def example(command: str) -> str:

@@ -177,7 +177,7 @@ def extrapolate(
     """Run policies far beyond their training horizon, under several clocks, and judge them.
 
     An episode is one deployed run: a policy under a clock from a start state. By default there are 3 calm ones of
-    100,000 steps and 36 of 10,000 steps under standard-1, a moderate set of disturbances. Writes episodes.parquet,
+    100,000 steps and 36 of 10,000 steps under standard-1, small disturbances. Writes episodes.parquet,
     report.html and figures. An interrupted command resumes when you run it again.
 
     Args:

@@ -30,7 +30,13 @@ def policy_files(
         found += [Path(name)] if is_onnx(name) else find_models(Path(name), _tell) or [find_policy(name)]
     options = sb3 if any(map(is_onnx, names)) else {"env": env, "training_horizon": horizon, **sb3}
     given = {name: value for name, value in options.items() if value not in (None, False)}
-    if given and not any(isinstance(each, FoundModel) for each in found):
+    models = [each for each in found if isinstance(each, FoundModel)]
+    if sb3["normalizer"] and len(models) > 1:
+        raise PerdureError(
+            f"--normalizer {sb3['normalizer']}: {len(models)} models are given, each with statistics of its own: "
+            "evaluate one at a time, or import each first (perdure import)"
+        )
+    if given and names and not models:
         for name in (each for each in names if not is_onnx(each)):
             load_policy(name)  # raises what it is, if it is of another library
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in given)

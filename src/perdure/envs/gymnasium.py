@@ -200,8 +200,8 @@ def lift(env: Any) -> list[tuple[Any, int]]:
 
 
 def _limits(env: Any) -> Iterator[Any]:
-    """Yield the TimeLimit wrappers of a single environment; refuse a training horizon."""
-    from gymnasium.wrappers import TimeLimit
+    """Yield the TimeLimit wrappers of a single environment; refuse a training horizon, and statistics that go on."""
+    from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
     from perdure.wrappers import HorizonLimit, layers
 
@@ -212,6 +212,11 @@ def _limits(env: Any) -> Iterator[Any]:
             raise PerdureError(
                 f"{title_of(each)}: it ends episodes at a training horizon (HorizonLimit); give the environment "
                 "without it, and its steps as training_horizon"
+            )
+        if isinstance(each, NormalizeObservation | NormalizeReward) and each.update_running_mean:
+            raise PerdureError(
+                f"{title_of(each)}: the statistics of {type(each).__name__} begin anew and go on changing; give the "
+                "environment without it, or with the statistics of training and update_running_mean = False"
             )
 
 

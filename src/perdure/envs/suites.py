@@ -349,8 +349,8 @@ def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
 def task_source_digest(task: str) -> dict[str, str]:
     """Return {module: SHA-256} of the module that "gymnasium:MODULE:Id" imports, or of a contract; {} for other tasks.
 
-    For a module inside a package, all Python files of the top-level package are included. Code that it imports from
-    other packages is not.
+    For a module inside a package, all Python files and MuJoCo models (.xml) of the top-level package are included. Code
+    that it imports from other packages is not.
     """
     if is_contract(task):
         return dict(import_module(ROBOTS).sources(task))
@@ -359,14 +359,14 @@ def task_source_digest(task: str) -> dict[str, str]:
         spec = find_spec(top) if top else None
     except (ImportError, ValueError):
         spec = None
-    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+    if spec is None:
         return {}
-    origin = Path(spec.origin)
-    folder = origin.parent if spec.submodule_search_locations else None
-    files = sorted(folder.rglob("*.py")) if folder else [origin]
+    folders = list(map(Path, spec.submodule_search_locations or []))
+    files = {file: folder for folder in folders for end in ("*.py", "*.xml") for file in sorted(folder.rglob(end))}
+    if not folders and spec.origin is not None and (origin := Path(spec.origin)).is_file():
+        files = {origin: origin.parent}
     digest = hashlib.sha256()
-    for file in files:
-        name = file.relative_to(folder).as_posix() if folder else file.name
-        data = file.read_bytes()
+    for file, folder in files.items():
+        name, data = file.relative_to(folder).as_posix(), file.read_bytes()
         digest.update(f"{name}\0{len(data)}\0".encode() + data)
-    return {top: digest.hexdigest()}
+    return {top: digest.hexdigest()} if files else {}

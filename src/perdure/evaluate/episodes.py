@@ -164,6 +164,9 @@ class Extrapolation:
                 able = tuple(one for one in each.disturbances if _refusal(make, [one]) is None)
                 rest = ", ".join(one.name for one in each.disturbances if one not in able)
                 each = replace(each, disturbances=able, not_applied=rest)
+                if rest:
+                    words = f"not applied of {each.label}: {rest}, which {spec.name} cannot do"
+                    warnings.warn(words, PerdureWarning, stacklevel=3)
             elif each.disturbances and (error := _refusal(make, each.disturbances)) is not None:
                 raise error
             found.append(each)

@@ -22,6 +22,7 @@ from perdure.policy import Policy, PolicyLike
 from perdure.policy.onnx import OnnxModel, is_onnx
 from perdure.runs import Observer, Store, UnitProgress
 from perdure.runs.progress import Lines
+from perdure.runs.workers import check_on, core_count
 
 if TYPE_CHECKING:
     import polars as pl
@@ -93,6 +94,8 @@ def extrapolate(
         PerdureError: If a policy does not fit its environment, or returns what is no action.
         PerdureError: If an environment cannot be built or breaks its contract.
     """
+    check_on(on)
+    core_count(cores)
     observe = observe or Lines("extrapolate", "steps")
     files = (policy,) if isinstance(policy, str | Path) else policy if isinstance(policy, list | tuple) else ()
     named: Any = (clocks,) if isinstance(clocks, str) else clocks

@@ -90,6 +90,8 @@ def function_policy(
     world = source.make([FIRST_EVAL_SEED] * (source.lanes or 1))
     spec, spaces = world.spec, world.spaces
     world.close()
+    if isinstance(function, OnnxModel):
+        function.check_sizes(spec)
     return FunctionPolicy(
         function,
         TaskInfo.of(spec),
@@ -427,8 +429,7 @@ def _units(
     arguments = {file.identity: file.arguments() for file in files}
     after = list[str]()
     for file in files:
-        # What is recorded of a policy file does not depend on its reference episodes.
-        if isinstance(file.policy, FunctionPolicy):
+        if file.policy.reference is None:  # its observation noise depends on them
             unit = file.reference_unit(versions)
             arguments[file.identity]["reference"] = str(store.root / unit.key)
             after += [unit.key] if unit in before else []

@@ -435,21 +435,25 @@ def add_stills(
             ends = row["outcome"], at, row["end_step"], row["return"]
             who = row["policy"] + (f" under {row['disturbance']}" if met else "")
             episode = JudgedEpisode(clock, row["eval_seed"], *ends, met)
-            found.append((row["outcome"] != "falls", at, len(found), file, task, who, episode))
+            horizon = int(row["train_horizon"]) if math.isfinite(row["train_horizon"]) else None
+            found.append((row["outcome"] != "falls", at, len(found), file, task, who, episode, horizon))
     if not found:
         return
-    *_, file, task, who, episode = min(found)
-    config = {"policy": file, "episode": f"{task} {who} {episode}", **versions("gymnasium", "mujoco", "pillow")}
-    arguments = {"path": files[file], "digest": file, "task": task, "who": who, "episode": episode}
+    *_, file, task, who, episode, horizon = min(found)
+    shown = {"task": task, "horizon": horizon, "who": who}
+    config = {"policy": file, **shown, "episode": f"{episode}", **versions("gymnasium", "mujoco", "pillow")}
+    arguments = {"path": files[file], "digest": file, **shown, "episode": episode}
     unit = Unit(f"failure/{config_digest(config)[:16]}", config, f"{__name__}:draw_stills", arguments)
     with suppress(Exception):  # whatever an environment or a driver does: the evaluation is finished
         run_missing([unit], out, on, cores=1)
         write_atomic(out / STILLS, (out / unit.key / STILLS).read_bytes())
 
 
-def draw_stills(work: Work, *, path: Path, digest: str, task: str, who: str, episode: JudgedEpisode) -> None:
+def draw_stills(
+    work: Work, *, path: Path, digest: str, task: str, horizon: int | None, who: str, episode: JudgedEpisode
+) -> None:
     """Draw the stills of an episode into the work folder; the function of a unit."""
-    policy, pictures = with_reference(read_file(path, digest, task, None), task_env(task)), list[Picture]()
+    policy, pictures = with_reference(read_file(path, digest, task, horizon), task_env(task)), list[Picture]()
     render_env = find_render_env(task)
     with closing(render_env.build()) as env:
         at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"

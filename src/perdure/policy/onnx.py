@@ -12,7 +12,7 @@ from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from perdure.errors import MANUAL, PerdureError
 from perdure.horizon import Clock, Constant
 from perdure.policy.policy import Policy
 from perdure.runs import config_digest, file_digest, read_bounded, write_atomic
+
+if TYPE_CHECKING:
+    from perdure.envs import TaskSpec
 
 __all__ = ["OnnxModel", "export_onnx", "is_onnx", "metadata"]
 
@@ -125,10 +128,20 @@ class OnnxModel:
         self._types = {name: _dtype(inputs[name].type) for name in self.times}
         names = [name for name in outputs if name not in self.state.values()]
         action = next((name for name in ACTIONS if name in names), names[0])
-        self._outputs = [action, *self.state.values()]
+        self._outputs, self._action_shape = [action, *self.state.values()], outputs[action].shape[1:]
         self.__name__ = Path(what).stem
         self.training_horizon = _training_horizon(self._session.get_modelmeta().custom_metadata_map, what)
         """Steps of a training episode, if the model was exported with `export_onnx`; else None."""
+
+    def check_sizes(self, spec: TaskSpec) -> None:
+        """Raise PerdureError if the model says that it takes or returns other numbers of values than a task has."""
+        actions = None if spec.discrete_actions else spec.action_size
+        for does, shape, size, other in (
+            ("takes", self._input.shape[1:], spec.observation_size, "gives"),
+            ("returns", self._action_shape, actions, "takes"),
+        ):
+            if size is not None and all(isinstance(each, int) for each in shape) and math.prod(shape) != size:
+                raise PerdureError(f"{self._what} {does} {math.prod(shape)} numbers, but {spec.name} {other} {size}")
 
     @property
     def signature(self) -> dict[str, str]:

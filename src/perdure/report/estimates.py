@@ -289,13 +289,13 @@ def _clause(verdicts: Sequence[Verdict], between: str) -> str:
     if first.group.calm and (not others or first.kind in ("never worked", "falls in training")):
         return f"{who}: {first.claim}"
     if first.group.calm and all(verdict.label == "holds" for verdict in verdicts):
-        under = " and ".join(f"for {each.group.test_horizon:,} under {each.group.disturbance}" for each in others)
+        under = " and ".join(f"for {each.group.test_horizon:,} under {each.group.condition}" for each in others)
         return f"{who}: {first.claim} when calm and {under}"
     return f"{who}: {between.join(map(_condition, (first, *others)))}"
 
 
 def _condition(verdict: Verdict) -> str:
-    under, half = f"under {verdict.group.disturbance}", verdict.group.half_failed_by
+    under, half = f"under {verdict.group.condition}", verdict.group.half_failed_by
     if verdict.label == "cannot tell":
         return "cannot tell when calm" if verdict.group.calm else f"cannot tell {under}"
     if verdict.group.calm:

@@ -125,6 +125,12 @@ class Group:
         return self.disturbance == CALM
 
     @property
+    def condition(self) -> str:
+        """What disturbs the episodes, and what of it the world could not do."""
+        left_out = "" if self.calm else self["not_applied"][0]
+        return f"{self.disturbance} without {left_out}" if left_out else self.disturbance
+
+    @property
     def label(self) -> str:
         """Label for readers, e.g. "geometric, always 500 steps to go"."""
         return self._with_clock(self.line)

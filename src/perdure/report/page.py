@@ -394,6 +394,7 @@ def _group(item: Estimate) -> dict[str, Any]:
         "policy": group.line.removesuffix(f" under {group.disturbance}"),
         "clock": group.clock,
         "disturbance": group.disturbance,
+        "not_applied": group["not_applied"][0],
         "episodes": group.episodes,
         "steps": group.test_horizon,
         "verdict": item.verdict.label,

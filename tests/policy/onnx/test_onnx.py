@@ -16,6 +16,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 import perdure
+from perdure.envs import task_spec
 from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.horizon import Constant, Countdown, Fixed, HorizonProtocol, Periodic, TimeFeature, Uniform
@@ -274,6 +275,13 @@ class TestModelsOfOtherMakers:
     def test_numbers_that_the_model_cannot_hold_are_refused(self, kind, number):
         with pytest.raises(PerdureError, match=r"takes observations of type tensor\((int32|bool)\), which cannot hold"):
             self.cast(kind, ["n", 3])(np.array([[0.0, 1.0, number]]))
+
+    def test_sizes_that_are_not_the_task_s_are_refused_where_the_model_tells_them(self):
+        model = self.cast(TensorProto.FLOAT, ["n", 3])
+        model.check_sizes(task_spec("gymnasium:Pendulum-v1"))
+        with pytest.raises(PerdureError, match=r"cast takes 3 numbers, but gymnasium:Hopper-v5 gives 11"):
+            model.check_sizes(task_spec("gymnasium:Hopper-v5"))
+        self.cast(TensorProto.FLOAT, ["n", "a"]).check_sizes(task_spec("gymnasium:InvertedPendulum-v5"))
 
     def test_several_open_dimensions_are_those_of_the_observations(self):
         assert self.cast(TensorProto.FLOAT, ["n", "a", "b"])(np.ones((4, 2, 3)))[:, 0].tolist() == [6.0] * 4

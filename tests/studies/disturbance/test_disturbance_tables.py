@@ -9,10 +9,12 @@ import polars as pl
 import pytest
 
 from perdure.runs import Store
+from studies.disturbance.claims import measure_runs
 from studies.disturbance.cure import cure_table
 from studies.disturbance.grid import CONDITIONS, subjects
 from studies.disturbance.study import ROWS, collect, plan
-from studies.disturbance.tables import all_tables, auc
+from studies.disturbance.tables import all_tables, auc, fresh_shares
+from studies.horizon.grid import METHODS
 
 RESULTS = Path(__file__).parents[3] / "results" / "disturbance"
 
@@ -151,7 +153,38 @@ def test_of_the_runs_that_hold_when_calm_so_many_hold_when_disturbed():
     )
     wide = runs.pivot(on="condition", index=["task", "method", "train_seed"], values="holds").filter("calm")
     noise, pushes, mild = wide.select("action noise 0.1", "pushes", "standard-1").sum().row(0)
+    assert wide["method"].str.split("@").list.first().n_unique() == 9
     said = (
-        f"Of {len(wide)} training runs that hold when calm, {noise} hold under 10 % action noise, {pushes} under pushes"
+        f"Of {len(wide)} training runs of nine methods on Hopper, Walker2d and HalfCheetah that hold when calm, "
+        f"{noise} hold under 10 % action noise, {pushes} under pushes"
     )
     assert f"{said} and {mild} under" in " ".join((RESULTS / "README.md").read_text().split())
+
+
+def test_the_figure_of_fresh_runs_has_the_means_of_the_claims() -> None:
+    shares = fresh_shares(measure_runs(pl.read_parquet(RESULTS / "registered.parquet")))
+    claims = pl.read_csv(RESULTS / "tables" / "claims.csv").filter(
+        pl.col("claim") <= 2, ~pl.col("task").str.contains(",")
+    )
+    for row in claims.iter_rows(named=True):
+        for side in ("left", "right"):
+            drawn = shares.filter(task=row["task"], condition=row["condition"], method=METHODS[row[side]])
+            assert drawn["working share"].to_list() == [pytest.approx(row[f"{side} mean"])]
+            assert 0.0 <= drawn["working low"][0] <= drawn["working share"][0] <= drawn["working high"][0] <= 1.0
+    assert len(claims) == 6
+
+
+def test_so_many_runs_that_hold_calm_and_disturbed_fail_under_each_new_condition():
+    """As the page says, which leaves Swimmer out."""
+    rows = pl.read_parquet(RESULTS / "episodes.parquet").filter(~pl.col("task").str.contains("Swimmer"))
+    held = (pl.col("outcome") == "holds") & (pl.col("policy_state") == "worked")
+    runs = rows.group_by("task", "method", "train_seed", "condition").agg(holds=held.mean())
+    wide = runs.pivot(on="condition", index=["task", "method", "train_seed"], values="holds")
+    good = wide.filter(pl.col("calm") >= 0.9, pl.col("standard-1") >= 0.9)
+    named = ("mass x 1.2", "payload off center", "pushes", "slope of 3 degrees", "action noise 0.1", "slow actuators")
+    heavier, shifted, *fails = ((good[name] <= 0.5).sum() for name in named)
+    assert heavier == shifted == 0
+    page = " ".join((RESULTS / "README.md").read_text().split())
+    said = "in none with a heavier or shifted load, in {} under pushes, in {} on a slope, in {} under 10 % action noise"
+    assert f"of {len(good)} runs that hold calm" in page
+    assert f"{said} and in {{}} with slow actuators".format(*fails) in page

@@ -11,6 +11,8 @@ from polars.testing import assert_frame_equal
 
 from perdure.policy import load_policy
 from perdure.report.charts import render
+from perdure.stats import compare_unpaired
+from studies.disturbance.claims import measure_runs
 from studies.files import include_tables, read_parquet_file, write_csv
 from studies.horizon.claims import effect, read_claims
 from studies.horizon.figures import all_figures
@@ -68,26 +70,37 @@ def test_the_answer_says_what_the_tables_say_and_is_the_same_on_three_pages(resu
     answer = re.findall(r"\*\*Answer\.\*\* (.*?) !\[", plain)[0]
     for page in ("README.md", "docs/explanation/does-a-time-to-go-help.md"):
         assert answer in " ".join((RESULTS.parents[1] / page).read_text().split())
-    tables = page_tables(results)
-    registered, sentences = tables["registered"], dict(tables["claims"].select("the thesis", "effect").iter_rows())
+    registered = page_tables(results)["registered"]
+    assert registered["decision"].to_list() == ["supported"] * 5
+    claims = pl.read_csv(RESULTS.parent / "disturbance" / "tables" / "claims.csv")
+    decided = claims.filter(pl.col("decision") != "")
+    method, plain_ppo, same_method, discounted = (
+        f"{100 * share:.0f} %" for row in (0, 2) for share in decided.select("left mean", "right mean").row(row)
+    )
+    assert f"works for {method} of 10,000 steps, discounted PPO for {plain_ppo} (difference " in answer
     assert (
-        f"without it scores less ({sentences['Ours: the same training without the input scores less']}, five tasks,"
+        f"(difference {registered['left minus right'][0]}) and the method with PPO's discount for {discounted}"
         in answer
     )
-    assert registered["decision"].to_list() == ["supported"] * 5
-    assert all(effect in answer for effect in registered["left minus right"])
-    claims = pl.read_csv(RESULTS.parent / "disturbance" / "tables" / "claims.csv").filter(pl.col("decision") != "")
-    works = [f"{100 * share:.0f} %" for share in claims.head(3).select("left mean", "right mean").to_numpy().ravel()]
-    assert f"works for {works[0]} of 10,000 steps and discounted PPO for {works[1]} (" in answer
-    assert f"under pushes for {works[2]} and {works[3]} (" in answer
-    assert works[4] == works[0]
-    assert f"with PPO's discount it works for {works[5]} (" in answer
+    assert same_method == method
     speeds = registered["speeds"].head(2).str.split(", ").list.eval(pl.element().cast(pl.Float64)).to_list()
     assert {round(left / right, 1) for left, right in speeds} == {0.7}
-    alone = pl.read_csv(RESULTS.parent / "disturbance" / "tables" / "claims.csv").filter(pl.col("claim") == 4)
-    bounds = {task: bounds for task, *bounds in alone.select("task", "low", "high").iter_rows() if "," not in task}
-    assert [task for task, (low, high) in bounds.items() if not low < 0.0 < high] == ["Hopper-v3"]
-    assert bounds["Hopper-v3"][0] > 0.0
+    assert "it runs at 0.7 of PPO's speed" in answer
+    runs = measure_runs(pl.read_parquet(RESULTS.parent / "disturbance" / "registered.parquet"))
+    shares = {
+        (task, side): runs.filter(task=task, method=side, condition="action noise 0.1")["working share"]
+        for task in ("Walker2d-v3", "HalfCheetah-v3")
+        for side in ("ppo-gamma-0.999", "geometric")
+    }
+    walker, cheetah = (
+        [f"{100 * shares[task, side].mean():.0f} %" for side in ("ppo-gamma-0.999", "geometric")]
+        for task in ("Walker2d-v3", "HalfCheetah-v3")
+    )
+    assert "works for {} of the steps on Walker2d (the method: {})".format(*walker) in answer
+    assert "and for {} on HalfCheetah ({}; unregistered, both undecided)".format(*cheetah) in answer
+    for task, _ in shares:
+        found = compare_unpaired(shares[task, "ppo-gamma-0.999"], shares[task, "geometric"])
+        assert found.lower < 0.0 < found.upper
     last = read_parquet_file(RESULTS / "learning.parquet").filter(
         pl.col("setting") == "Hopper-v3@cleanrl", pl.col("train_seed") >= 10, pl.col("step") > 900_000
     )
@@ -96,7 +109,7 @@ def test_the_answer_says_what_the_tables_say_and_is_the_same_on_three_pages(resu
     )
     gains = {method: part["rate"] for (method,), part in rates.group_by("method")}
     assert (gains["ppo-gamma-0.999"] < 0.25 * gains["ppo"].mean()).sum() > 5
-    assert "on Hopper, where most of its runs hardly walk; elsewhere undecided). Disturbed" in answer
+    assert "on Hopper PPO with a discount of 0.999 hardly walks" in answer
     episodes = results.episodes["split"].value_counts()
     assert sorted(episodes["count"]) == [2350, 14160]
 

@@ -294,7 +294,7 @@ def read_vecnormalize(path: Path) -> Statistics:
             need, or holds statistics that are not finite.
         OSError: If it cannot be read.
     """
-    saved = read_pickle(read_bounded(path, MAX_FILE), ALLOWED, str(path))
+    saved = read_pickle(read_bounded(path, MAX_FILE), ALLOWED, f"the normalizer {path}")
     if not (isinstance(saved, Stub) and saved.function == VEC_NORMALIZE and isinstance(saved.state, dict)):
         raise PerdureError(f"{path} is not a saved VecNormalize of Stable-Baselines3")
     return _statistics(saved.state, str(path))
