@@ -25,7 +25,7 @@ from typing import Any
 
 from perdure.envs import task_spec
 from perdure.learn import method_config
-from perdure.runs import write_atomic
+from perdure.runs import ONE_THREAD, write_atomic
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "tools"))
@@ -79,7 +79,8 @@ def sb3_config(setting: str, seed: int, iterations: int) -> dict[str, Any]:
 def pinned(cores: str, python: str | Path, script: str, *words: object) -> dict[str, Any]:
     """Run a script of this folder on these cores, one thread a product, and return its JSON line."""
     command = ["taskset", "-c", cores, str(python), str(HERE / script), *map(str, words)]
-    output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread()).stdout
+    one_thread = {**os.environ, **ONE_THREAD}
+    output = subprocess.run(command, check=True, capture_output=True, text=True, env=one_thread).stdout
     result: dict[str, Any] = json.loads(output.splitlines()[-1])
     return result
 
@@ -92,11 +93,6 @@ def ours(cores: str, *words: object) -> dict[str, Any]:
 def peer(cores: str, what: str, config: dict[str, Any]) -> dict[str, Any]:
     """Measure Stable-Baselines3 with a configuration, see peers/sb3.py."""
     return pinned(cores, PEER_PYTHON, "peers/sb3.py", what, json.dumps(config))
-
-
-def one_thread() -> dict[str, str]:
-    """Return this process' environment with one thread for a matrix product."""
-    return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def alternate(mine: Callable[[], float], theirs: Callable[[], float]) -> tuple[float, float]:

@@ -62,17 +62,12 @@ def run() -> None:
                 keep(task, "sb3", seed, ends.astype(int), returns)
 
 
-def curves(task: str, side: str) -> np.ndarray:
-    """Return the curves of a side, NaN where no episode ended. Shape (seeds, BINS)."""
-    runs = json.loads(RUNS.read_text())[task][side]
-    return np.array([runs[seed] for seed in sorted(runs, key=int)], dtype=np.float64)
-
-
 def compare() -> None:
     """Print the difference of each task and draw the curves."""
     panels = []
     for task, (*_, total) in PLANS.items():
-        sides = {side: curves(task, side) for side in NAMES}
+        runs = json.loads(RUNS.read_text())[task]  # curves of shape (seeds, BINS), NaN where no episode ended
+        sides = {side: np.array([runs[side][seed] for seed in sorted(runs[side], key=int)], float) for side in NAMES}
         scores = [np.nanmean(each[:, -BINS // 5 :], axis=1) for each in sides.values()]
         interval = compare_unpaired(*scores)
         seeds = " and ".join(str(len(each)) for each in scores)

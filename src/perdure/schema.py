@@ -194,19 +194,14 @@ def _shown(value: Any) -> str:
 
 
 class Text(Kind):
-    """Text without control characters; with `lines` any text, for `printable` to clean where it is shown."""
+    """Text without control characters."""
 
-    def __init__(self, longest: int = 500, shortest: int = 0, lines: bool = False) -> None:
+    def __init__(self, longest: int = 500, shortest: int = 0) -> None:
         pattern = UNSEEN.pattern.replace("\ud800-\udfff", "")  # in UTF-8 there are no surrogates
-
-        def misfits(column: pl.Expr) -> pl.Expr:
-            wrong = ~column.str.len_chars().is_between(shortest, longest)
-            return wrong if lines else wrong | column.str.contains(pattern)
-
         super().__init__(
-            Annotated[str, Meta(min_length=shortest, max_length=longest, pattern=None if lines else _SHOWN)],
-            f"text of {shortest} to {longest} characters{'' if lines else ' without control characters'}",
-            misfits,
+            Annotated[str, Meta(min_length=shortest, max_length=longest, pattern=_SHOWN)],
+            f"text of {shortest} to {longest} characters without control characters",
+            lambda column: ~column.str.len_chars().is_between(shortest, longest) | column.str.contains(pattern),
         )
 
 
@@ -284,14 +279,9 @@ class Items(Kind):
 
 
 class Table(Kind):
-    """Named fields, and rules between them; or any number of fields of one kind, `others`."""
+    """Named fields, and rules between the columns of these names."""
 
-    def __init__(
-        self,
-        fields: Mapping[str, Kind],
-        rules: Sequence[Rule] = (),
-        others: Kind | None = None,
-    ) -> None:
+    def __init__(self, fields: Mapping[str, Kind], rules: Sequence[Rule] = ()) -> None:
         self.fields, self.rules = fields, rules
         names = {name: f"field_{number}" for number, name in enumerate(fields)}
 
@@ -299,9 +289,6 @@ class Table(Kind):
             for name, kind in fields.items():
                 if isinstance(kind, Real) and not kind.holds(made[name]):
                     raise ValueError(f"{name} must be {kind.allowed}, not {made[name]}")
-            for rule in rules:
-                if rule.broken(lambda name: made[name]):
-                    raise ValueError(rule.sentence)
 
         row: Any = msgspec.defstruct(
             "Table",
@@ -311,17 +298,17 @@ class Table(Kind):
             forbid_unknown_fields=True,
             kw_only=True,
         )
-        super().__init__(row if others is None else dict[str, others.type])  # type: ignore[name-defined]
+        super().__init__(row)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What the fields of a table must have in common."""
+    """What the columns of a table must have in common."""
 
     sentence: str
     """What must hold."""
     broken: Callable[[Callable[[str], Any]], Any]
-    """Given a function from a field's name to its value (or its column), says where the rule is broken."""
+    """Given a function from a field's name to its column, says where the rule is broken."""
 
 
 def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:

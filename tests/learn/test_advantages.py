@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from perdure.learn.advantages import Ends, advantages, following_values
+from perdure.learn.advantages import Discounted, Ends, Transitions
 
 STEPS = 12
 NEVER = np.zeros(STEPS, bool)
@@ -38,8 +38,9 @@ def estimate(
     """Advantages of one environment; all arguments in NumPy, shape (steps,), values one longer."""
     ends = Ends(*(jnp.asarray(flags)[:, None] for flags in (terminated, truncated, horizon_end)))
     values, last_values, rewards = (jnp.asarray(x, jnp.float32)[:, None] for x in (values, last_values, rewards))
-    following = following_values(values, last_values, ends, horizon_terminates)
-    return np.asarray(advantages(rewards, values[:-1], following, ends.done, gamma, gae_lambda))[:, 0]
+    rollout = Transitions(rewards, values, last_values, ends, jnp.ones_like(rewards))
+    _, found = Discounted(gamma, gae_lambda, horizon_terminates).estimate((), rollout)
+    return np.asarray(found.advantages)[:, 0]
 
 
 class TestRewardOneForEver:
@@ -139,6 +140,6 @@ class TestNumbersWorkedByHand:
         ends = Ends(*(jnp.array([[False, False], [flag, False], [False, False]]) for flag in (True, False, False)))
         values = jnp.array([[4.0, 4.0], [2.0, 2.0], [8.0, 8.0], [6.0, 6.0]])
         rewards = jnp.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-        following = following_values(values, values[1:], ends, horizon_terminates=False)
-        found = advantages(rewards, values[:-1], following, ends.done, 0.5, 1.0)
-        np.testing.assert_allclose(np.asarray(found).T, [[-2, 0, -2], [-0.5, 3, -2]])
+        rollout = Transitions(rewards, values, values[1:], ends, jnp.ones_like(rewards))
+        _, found = Discounted(0.5, 1.0, horizon_terminates=False).estimate((), rollout)
+        np.testing.assert_allclose(np.asarray(found.advantages).T, [[-2, 0, -2], [-0.5, 3, -2]])

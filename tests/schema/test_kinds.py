@@ -26,7 +26,7 @@ from perdure.schema import (
 INF, NAN = math.inf, math.nan
 CASES = [
     (Text(3), pl.String, ["", "abc", "äöü"], ["abcd", "a\x1b", "\u202e", "a\nb"]),
-    (Text(3, shortest=1, lines=True), pl.String, ["a\n", "\x1b"], ["", "abcd"]),
+    (Text(3, shortest=1), pl.String, ["a"], ["", "abcd"]),
     (Whole(0, 9), pl.Int64, [0, 9], [-1, 10]),
     (Real(0.0, 1.0), pl.Float64, [0.0, 1.0], [-1e-9, 1.1, NAN, INF, -INF]),
     (Real(0.0, 1.0, above=True), pl.Float64, [1e-9], [0.0, NAN]),
@@ -74,7 +74,6 @@ def test_a_table_names_what_is_missing_unknown_or_broken():
     for value, said in (
         ({"low": 1}, "it has no high"),
         ({"low": 1, "high": 2, "hihg": 3}, "it must not have the field hihg"),
-        ({"low": 3, "high": 2}, "low above high"),
         ({"low": 1, "high": "2"}, "high must be int, not str"),
         ([], "it must be object, not array"),
     ):

@@ -42,7 +42,8 @@ def open_env(env: Any) -> Iterator[OpenEnv]:
         raise PerdureError(f"{KINDS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'")
     elif isinstance(env, VectorEnv):
         with _without_limits(env) as limit:
-            yield _vector(env, limit)
+            title = title_of(getattr(env.unwrapped, "envs", [env])[0])
+            yield OpenEnv(lambda seeds: _Borrowed(env, seeds, title, default_horizon=limit), int(env.num_envs))
     elif isinstance(env, Env):
         raise PerdureError(
             f"{KINDS}; this is a single environment, which can be in one episode at a time: give the function that "
@@ -62,11 +63,6 @@ class OpenEnv:
     """Seeds, one per lane -> world."""
     lanes: int | None = None
     """Lanes that every world has, as a VectorEnv fixes them; None: one for each seed."""
-
-    def worlds(self, seeds: Sequence[int]) -> Iterator[World]:
-        """Yield worlds with a lane for each seed; if `lanes` is fixed, the last seed is repeated to fill a world."""
-        for group in self.groups(len(seeds)):
-            yield self.make([seeds[k] for k in group])
 
     def groups(self, count: int) -> list[list[int]]:
         """Return numbers 0 to count - 1 in groups, one for each world; the last is repeated where lanes are fixed."""
@@ -94,15 +90,6 @@ def _factory(factory: Callable[[], Any]) -> OpenEnv:
         return made
 
     return OpenEnv(lambda seeds: GymnasiumWorld([build] * len(seeds), seeds, title, default_horizon=limit))
-
-
-def _vector(env: Any, limit: int | None) -> OpenEnv:
-    title = title_of(getattr(env.unwrapped, "envs", [env])[0])
-
-    def make(seeds: Sequence[int]) -> World:
-        return _Borrowed(env, seeds, title, default_horizon=limit)
-
-    return OpenEnv(make, int(env.num_envs))
 
 
 class _Borrowed(VectorEnvWorld):

@@ -44,7 +44,11 @@ def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
     """
     if threads < 1:
         raise PerdureError(f"threads must be at least 1, got {threads}.")
-    return suite_of(task).make(task, seeds, threads)
+    for suite in suites():
+        if suite.owns(task):
+            return suite.make(task, seeds, threads)
+    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
+    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
 
 
 def task_spec(task: str) -> TaskSpec:
@@ -281,19 +285,6 @@ def suites() -> Iterator[TaskSuite]:
     yield from BUILT_IN
     for entry in sorted(entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
         yield entry.load()
-
-
-def suite_of(task: str) -> TaskSuite:
-    """Return the suite a task name belongs to.
-
-    Raises:
-        PerdureError: If no suite owns the name.
-    """
-    for suite in suites():
-        if suite.owns(task):
-            return suite
-    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
-    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
 
 
 def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> PerdureError:

@@ -57,8 +57,20 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
         raise PerdureError(f"{path} exists and is no model card of this policy; name another file with --out")
     files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
     (estimates,) = estimate_table(frame, _rows_of(file, frame, files, str(table))).values()
-    write_atomic(path, model_card(subject, file.name, estimates, notes.get("command", "")))
-    return path
+    task = subject.task
+    parts = [
+        f"---\n{json.dumps(_front_matter(subject, estimates), indent=1)}\n---",
+        f"# {_title(subject)}",
+        f"A deterministic policy for `{task.name}`: {task.observation_size} observations, {task.action_size} actions, "
+        f"a `{subject.activation}` network. {_time(subject)}",
+        f"## Does it hold?\n\n{_verdicts(estimates)}",
+        f"## Training\n\n{_training(subject)}",
+        f"## Limits\n\n{LIMITS}",
+        f"## How to use it\n\n{_use(file.name)}",
+    ]
+    if command := notes.get("command"):
+        parts.append(f"## How the verdict was made\n\n```\n{command}\n```")
+    return write_atomic(path, "\n\n".join(parts) + "\n")
 
 
 def _beside(file: Path) -> Path:
@@ -69,31 +81,6 @@ def _beside(file: Path) -> Path:
         )
     alone = len(list(file.parent.glob(f"*{SUFFIX}"))) <= 1
     return file.parent / (NAME if alone else f"{file.stem}.{NAME}")
-
-
-def model_card(policy: Policy, file: str, estimates: Sequence[Estimate], command: str) -> str:
-    """Return a model card.
-
-    Args:
-        policy: Whose.
-        file: Name of its file.
-        estimates: One for each clock, all of this policy.
-        command: What made the table of the estimates.
-    """
-    task = policy.task
-    parts = [
-        f"---\n{json.dumps(_front_matter(policy, estimates), indent=1)}\n---",
-        f"# {_title(policy)}",
-        f"A deterministic policy for `{task.name}`: {task.observation_size} observations, {task.action_size} actions, "
-        f"a `{policy.activation}` network. {_time(policy)}",
-        f"## Does it hold?\n\n{_verdicts(estimates)}",
-        f"## Training\n\n{_training(policy)}",
-        f"## Limits\n\n{LIMITS}",
-        f"## How to use it\n\n{_use(file)}",
-    ]
-    if command:
-        parts.append(f"## How the verdict was made\n\n```\n{command}\n```")
-    return "\n\n".join(parts) + "\n"
 
 
 def _rows_of(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.Expr:

@@ -197,8 +197,8 @@ def with_reference(policy: PolicyLike, source: OpenEnv) -> PolicyLike:
 
 def _worlds(source: OpenEnv) -> Iterator[World]:
     size = source.lanes or EPISODES
-    count = -(-EPISODES // size) * size
-    return source.worlds([FIRST_SEED + k for k in range(count)])
+    for group in source.groups(-(-EPISODES // size) * size):
+        yield source.make([FIRST_SEED + k for k in group])
 
 
 def _joined(parts: Sequence[Reference]) -> Reference:

@@ -330,8 +330,20 @@ def evaluate_files(
             units += _units(group, setups[setup], files, versions, store, before)
         store.warn_of_other_source(dict.fromkeys(kept.values()))
         run_missing(units, store.root, on, cores, observe)
-        frame = _table(store, setups, files, episodes, {each.label: each.not_applied for each in conditions})
-        labels = _labels(files)
+        finished, wanted = _finished(store, setups), [_identity(episode, files) for episode in episodes]
+        if lost := [episode for episode in wanted if episode not in finished]:
+            raise PerdureError(f"{len(lost)} of {len(episodes)} episodes are not in {store.root}")
+        groups, labels = list(dict.fromkeys(finished[episode] for episode in wanted)), _labels(files)
+        frame = _collect(store, groups, wanted, [labels[episode.policy] for episode in episodes])
+        idle, scales = read_idle(store.get(idle_unit(files[0].task, versions).key)), []
+        for file in files:
+            policy = file.policy
+            if policy.reference is None:
+                policy = load_reference(policy, store.get(file.reference_unit(versions).key))
+            assert policy.reference is not None
+            scales.append(make_score_scale(policy.reference, idle, published_rate(files[0].task)))
+        not_applied = {each.label: each.not_applied for each in conditions}
+        frame = judge_table(frame, [scales[episode.policy] for episode in episodes], not_applied)
         notes = {
             file_note(label, train_seed(file.policy)): file.digest for label, file in zip(labels, files, strict=True)
         }
@@ -342,31 +354,6 @@ def evaluate_files(
         told = {"command": command, "success": evaluation.success or "", **made_with(), **notes}
         path = write_table(Path(out) / TABLE, frame, told)
         return ExtrapolationResult(frame, path, notes)
-
-
-def _table(
-    store: Store,
-    setups: Setups,
-    files: Sequence[_PolicyFile],
-    episodes: Sequence[EpisodeSpec],
-    not_applied: Mapping[str, str],
-) -> pl.DataFrame:
-    task = files[0].task
-    finished, versions = _finished(store, setups), _versions(task)
-    wanted = [_identity(episode, files) for episode in episodes]
-    if missing := [episode for episode in wanted if episode not in finished]:
-        raise PerdureError(f"{len(missing)} of {len(episodes)} episodes are not in {store.root}")
-    groups = list(dict.fromkeys(finished[episode] for episode in wanted))
-    labels = _labels(files)
-    frame = _collect(store, groups, wanted, [labels[episode.policy] for episode in episodes])
-    idle, scales = read_idle(store.get(idle_unit(task, versions).key)), []
-    for file in files:
-        policy = file.policy
-        if policy.reference is None:
-            policy = load_reference(policy, store.get(file.reference_unit(versions).key))
-        assert policy.reference is not None
-        scales.append(make_score_scale(policy.reference, idle, published_rate(task)))
-    return judge_table(frame, [scales[episode.policy] for episode in episodes], not_applied)
 
 
 def _labels(files: Sequence[_PolicyFile]) -> list[str]:

@@ -174,7 +174,13 @@ def watch(
     render_env = find_render_env(policy.task.name)
     judge = Judge(policy, render_env.open(), steps)
     seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
-    episode = judge.first_failure(clock, seeds, met) if until_failure else judge.judge(clock, seeds[:1], met)[0]
+    judged = judge.judge(clock, seeds if until_failure else seeds[:1], met)
+    if (episode := next((each for each in judged if each.failed or not until_failure), None)) is None:
+        raise PerdureError(
+            f"none of {eval_seeds} episodes of {steps:,} steps fails under "
+            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, another --clock or "
+            "--disturb"
+        )
     episodes = [episode]
     if beside is not None or met:
         episodes += judge.judge(beside or clock, [episode.eval_seed], () if beside is None else met)
@@ -262,17 +268,6 @@ class Judge:
         last = frame.filter(frame["step"] == self._steps)
         rows = last.select("eval_seed", "outcome", "failed_step", "end_step", "return").iter_rows()
         return [JudgedEpisode(clock, seed, outcome, at, end, total, met) for seed, outcome, at, end, total in rows]
-
-    def first_failure(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> JudgedEpisode:
-        """Return the first of these episodes that fails; PerdureError if none does."""
-        for episode in self.judge(clock, eval_seeds, met):
-            if episode.failed:
-                return episode
-        raise PerdureError(
-            f"none of {len(eval_seeds)} episodes of {self._steps:,} steps fails under "
-            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, another --clock or "
-            "--disturb"
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,8 +100,10 @@ class Discounted:
     def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
         """See `Estimator.estimate`."""
         rewards, values, last_values, ends, _ = transitions
-        following = following_values(values, last_values, ends, self.horizon_terminates)
-        found = advantages(rewards, values[:-1], following, ends.done, self.gamma, self.gae_lambda)
+        terminal = ends.terminated | ends.horizon_end if self.horizon_terminates else ends.terminated
+        following = jnp.where(terminal, 0.0, jnp.where(ends.done, last_values, values[1:]))
+        deltas = rewards + self.gamma * following - values[:-1]
+        found = sum_traces(deltas, self.gamma * self.gae_lambda * (1.0 - ends.done.astype(rewards.dtype)))
         return state, Estimate(found, found + values[:-1])
 
 
@@ -214,31 +216,6 @@ def make_estimator(config: PPOConfig) -> Estimator:
             raise PerdureError(f"{part!r} in estimator {config.estimator!r} must be written name=number") from None
     estimator: Estimator = kind.of(config, **numbers)
     return estimator
-
-
-def following_values(values: jax.Array, last_values: jax.Array, ends: Ends, horizon_terminates: bool) -> jax.Array:
-    """Return V'_t for every step.
-
-    Args:
-        values: V(s_t), with V of the state after the rollout as last row; shape (n_steps + 1, n_envs).
-        last_values: V(last_t), used where an episode was cut; shape (n_steps, n_envs).
-        ends: What ended at each step.
-        horizon_terminates: True if reaching the horizon counts as the task's own end.
-
-    Returns:
-        Shape (n_steps, n_envs).
-    """
-    terminal = ends.terminated | ends.horizon_end if horizon_terminates else ends.terminated
-    bootstrapped = jnp.where(ends.done, last_values, values[1:])
-    return jnp.where(terminal, 0.0, bootstrapped)
-
-
-def advantages(
-    rewards: jax.Array, values: jax.Array, following: jax.Array, done: jax.Array, gamma: float, gae_lambda: float
-) -> jax.Array:
-    """Return A_t for every step; all arrays have shape (n_steps, n_envs)."""
-    deltas = rewards + gamma * following - values
-    return sum_traces(deltas, gamma * gae_lambda * (1.0 - done.astype(rewards.dtype)))
 
 
 def sum_traces(deltas: jax.Array, decay: jax.Array) -> jax.Array:

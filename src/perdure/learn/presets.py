@@ -65,7 +65,6 @@ from perdure.horizon import (
     Embedding,
     Fixed,
     Geometric,
-    HorizonDistribution,
     HorizonProtocol,
     Linear,
     Uniform,
@@ -183,9 +182,10 @@ def method_config(
     chosen = lookup(METHODS, method, "method")
     tuned = lookup(PRESETS, usual_preset(task) if preset is None else preset, "preset")(robot_of(task))
     gamma = 1.0 if chosen.undiscounted else tuned.gamma
+    steps = {name: max(1, value * limit // EPISODE_STEPS) for name, value in vars(chosen.horizon).items()}
     protocol = HorizonProtocol(
         embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),
-        horizon=_scaled(chosen.horizon, limit),
+        horizon=dataclasses.replace(chosen.horizon, **steps),
         end="terminated" if chosen.terminal else "truncated",
         gamma=gamma,
         normalizer_gamma=tuned.gamma,
@@ -194,12 +194,6 @@ def method_config(
         protocol=protocol, estimator=chosen.estimator, conditioning=chosen.conditioning, **tuned.settings
     )
     return config if chosen.n_envs is None else dataclasses.replace(config, n_envs=chosen.n_envs)
-
-
-def _scaled(horizon: Fixed | Uniform, limit: int) -> HorizonDistribution:
-    """Return a method's horizon for episodes of `limit` steps instead of EPISODE_STEPS."""
-    steps = {name: max(1, value * limit // EPISODE_STEPS) for name, value in vars(horizon).items()}
-    return dataclasses.replace(horizon, **steps)
 
 
 def default_clock(config: PPOConfig) -> Clock | None:

@@ -155,8 +155,9 @@ def find_policy(name: str | Path) -> Path:
         return policy_in_folder(path) if path.is_dir() else path
     if str(name) in shipped:
         return shipped[str(name)]
-    if downloaded := policy_in_cache(str(name)):
-        return downloaded
+    model = _cache() / f"models--{str(name).replace('/', '--')}"
+    if re.fullmatch(r"[\w.-]+/[\w.-]+", str(name)) and (model / "snapshots").is_dir():
+        return policy_in_folder(model)
     raise PerdureError(
         f"there is no policy file {name}, and no shipped policy of that name; "
         f"`perdure list policies` shows all{did_you_mean(name, shipped, 2)}"
@@ -192,18 +193,6 @@ def policy_in_folder(folder: Path) -> Path:
     )
 
 
-def policy_in_cache(name: str) -> Path | None:
-    """Return the policy of a downloaded model `ORG/NAME`; None if that is no such name or was not downloaded.
-
-    Raises:
-        PerdureError: If the model is there, but holds no policy or more than one.
-    """
-    if not re.fullmatch(r"[\w.-]+/[\w.-]+", name):
-        return None
-    folder = _cache() / f"models--{name.replace('/', '--')}"
-    return policy_in_folder(folder) if (folder / "snapshots").is_dir() else None
-
-
 def is_downloaded(file: Path) -> bool:
     """Return whether a file lies in a model of Hugging Face's cache, ``models--ORG--NAME/snapshots/COMMIT/``."""
     return any(each.name == "snapshots" and _MODEL.fullmatch(each.parent.name) for each in file.absolute().parents)
@@ -211,15 +200,8 @@ def is_downloaded(file: Path) -> bool:
 
 def _cache() -> Path:
     """Return the folder of models in Hugging Face's cache, by their environment variables."""
-    if cache := os.environ.get("HF_HUB_CACHE"):
-        return _expanded(cache)
-    if home := os.environ.get("HF_HOME"):
-        return _expanded(home) / "hub"
-    return _expanded(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "huggingface" / "hub"
-
-
-def _expanded(path: str) -> Path:
-    return Path(os.path.expandvars(os.path.expanduser(path)))
+    home = os.environ.get("HF_HOME") or f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/huggingface"
+    return Path(os.path.expandvars(os.path.expanduser(os.environ.get("HF_HUB_CACHE") or f"{home}/hub")))
 
 
 def _snapshot(model: Path) -> Path:

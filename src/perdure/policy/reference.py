@@ -98,7 +98,8 @@ def measure_reference(
     """
     world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
     try:
-        horizon = training_horizon(policy, world.spec.default_horizon)
+        longest = policy.training_horizon
+        horizon = int(longest) if math.isfinite(longest) else world.spec.default_horizon
         clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
         loop = ClosedLoop(world, [EpisodePolicy(policy, clock)] * episodes)
         first = loop.observations
@@ -136,12 +137,6 @@ def _counted_from(policy: PolicyLike, horizon: int) -> float:
     """Return the steps from which the time-to-go counted down in training: N for a time feature 1 - t/N."""
     embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
     return float(embedding.steps if isinstance(embedding, TimeFeature) else horizon)
-
-
-def training_horizon(policy: PolicyLike, default: int) -> int:
-    """Return the longest horizon the policy was trained for, in steps; `default` if that is infinite."""
-    longest = policy.training_horizon
-    return int(longest) if math.isfinite(longest) else default
 
 
 def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:

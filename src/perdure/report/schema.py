@@ -16,16 +16,17 @@ import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import polars as pl
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
-from perdure.schema import Choice, Flag, Maybe, Parquet, Real, Rule, Table, Text, Whole, check_columns, parquet_bytes
+from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "4"
@@ -160,8 +161,8 @@ ROW = Table(
     ),
 )
 """One row, checked."""
-NOTES = Table({}, others=Maybe(Text(100_000, lines=True)))
-"""The file's metadata."""
+NOTES = dict[str, Annotated[str, Meta(max_length=100_000)] | None]
+"""The file's metadata: any text, for `printable` to clean where it is shown."""
 __doc__ = "\n".join(
     [
         f"{__doc__ or ''}| column | type | meaning |",
@@ -240,7 +241,7 @@ def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
     try:
         parquet = Parquet(content)
         notes = parquet.notes
-        NOTES.check(notes)
+        checked(notes, NOTES)
     except PerdureError as error:
         raise PerdureError(f"{path} is a damaged Parquet file: {error}.") from None
     if notes.get("schema") != SCHEMA_NAME:
