@@ -148,7 +148,7 @@ def draw_figures(tables: Mapping[str, pl.DataFrame], fresh: pl.DataFrame | None 
     yield _figure("working", title + "calm and under action noise", left, DRAWN, DRAWN_UNDER, note.format("3 to 10"))
     if fresh is not None:
         drawn = fresh_shares(measure_runs(fresh)), FRESH_DRAWN, (NOISE, PUSHES)
-        yield _figure("fresh", title + "disturbed", *drawn, note.format("10"))
+        yield _figure("fresh", title + "disturbed", *drawn, note.format("10") + " A run that stands: 0.")
 
 
 def fresh_shares(runs: pl.DataFrame) -> pl.DataFrame:

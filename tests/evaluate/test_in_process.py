@@ -23,7 +23,7 @@ from perdure.evaluate.reference import constant_actions, measure_idle
 from perdure.horizon import Fixed
 from perdure.policy import Normalizer, TaskInfo, save_policy
 from perdure.report import read_table
-from perdure.report.estimates import estimate_table
+from perdure.report.estimates import _condition, estimate_table
 from perdure.runs import Store
 from perdure.wrappers import HorizonLimit
 
@@ -388,18 +388,28 @@ def test_an_environment_with_a_training_horizon_is_refused():
         extrapolate(lambda seen: np.zeros((len(seen), 1)), SyncVectorEnv([limited] * 2), steps=5)
 
 
+def normalized(wrapper, running):
+    env = wrapper(gymnasium.make("Pendulum-v1"))
+    env.update_running_mean = running
+    return env
+
+
 @pytest.mark.parametrize("wrapper", [NormalizeObservation, NormalizeReward])
-def test_statistics_that_go_on_are_refused_and_those_of_training_are_not(wrapper):
+@pytest.mark.parametrize("kind", [None, SyncVectorEnv, AsyncVectorEnv, "around the vector"])
+def test_statistics_that_go_on_are_refused_and_those_of_training_are_not(wrapper, kind):
     """A reward that is divided by a running scale is another reward; the policy has not seen such observations."""
 
-    def normalized(running):
-        env = wrapper(gymnasium.make("Pendulum-v1"))
-        env.update_running_mean = running
-        return env
+    def env(running):
+        build = partial(normalized, wrapper, running)
+        if kind != "around the vector":
+            return build if kind is None else kind([build] * 2)
+        vector = getattr(gymnasium.wrappers.vector, wrapper.__name__)(gymnasium.make_vec("Pendulum-v1", 2))
+        vector.update_running_mean = running
+        return vector
 
-    with pytest.raises(PerdureError, match=f"Pendulum-v1: the statistics of {wrapper.__name__} begin anew"):
-        extrapolate(still, lambda: normalized(True), steps=5, eval_seeds=1)
-    assert len(extrapolate(still, lambda: normalized(False), steps=5, eval_seeds=1).final()) == 1
+    with pytest.raises(PerdureError, match=r"running statistics \(\w+\) begin anew"):
+        extrapolate(still, env(True), steps=5, eval_seeds=2)
+    assert len(extrapolate(still, env(False), steps=5, eval_seeds=2).final()) == 2
 
 
 @pytest.mark.parametrize(("name", "value"), [("on", "lokal"), ("cores", 0)])
@@ -414,6 +424,8 @@ def test_what_a_world_cannot_do_of_the_standard_set_is_said():
     (left_out,), (found,) = set(result.final()["not_applied"]), estimate_table(result.frame).values()
     assert "friction, mass, push, strength" in left_out
     assert found[0].group.condition == f"standard-1 without {left_out}"
+    verdicts = [replace(each.verdict, label=label) for each in found for label in ("holds", "falls")]
+    assert all(f"under standard-1 without {left_out}" in _condition(each) for each in verdicts)
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_policy_is_called(tmp_path):

@@ -33,8 +33,8 @@ def policy_files(
     models = [each for each in found if isinstance(each, FoundModel)]
     if sb3["normalizer"] and len(models) > 1:
         raise PerdureError(
-            f"--normalizer {sb3['normalizer']}: {len(models)} models are given, each with statistics of its own: "
-            "evaluate one at a time, or import each first (perdure import)"
+            f"--normalizer {sb3['normalizer']}: it belongs to one model, and {len(models)} are given: evaluate one at "
+            "a time, or import each first (perdure import)"
         )
     if given and names and not models:
         for name in (each for each in names if not is_onnx(each)):

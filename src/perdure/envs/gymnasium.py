@@ -201,7 +201,7 @@ def lift(env: Any) -> list[tuple[Any, int]]:
 
 def _limits(env: Any) -> Iterator[Any]:
     """Yield the TimeLimit wrappers of a single environment; refuse a training horizon, and statistics that go on."""
-    from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
+    from gymnasium.wrappers import TimeLimit
 
     from perdure.wrappers import HorizonLimit, layers
 
@@ -213,11 +213,20 @@ def _limits(env: Any) -> Iterator[Any]:
                 f"{title_of(each)}: it ends episodes at a training horizon (HorizonLimit); give the environment "
                 "without it, and its steps as training_horizon"
             )
-        if isinstance(each, NormalizeObservation | NormalizeReward) and each.update_running_mean:
-            raise PerdureError(
-                f"{title_of(each)}: the statistics of {type(each).__name__} begin anew and go on changing; give the "
-                "environment without it, or with the statistics of training and update_running_mean = False"
-            )
+        refuse_running(each, getattr(each, RUNNING, False))
+
+
+RUNNING = "update_running_mean"
+"""What wrappers of Gymnasium that normalize observations or rewards have."""
+
+
+def refuse_running(env: Any, running: bool) -> None:
+    """Raise PerdureError for an environment that normalizes with statistics that go on changing."""
+    if running:
+        raise PerdureError(
+            f"{title_of(env)}: its running statistics ({type(env).__name__}) begin anew and go on changing; give it "
+            f"without them, or with those of training and {RUNNING} = False"
+        )
 
 
 def title_of(env: Any) -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from perdure.envs.gymnasium import NEVER, GymnasiumWorld, call, lift, title_of
+from perdure.envs.gymnasium import NEVER, RUNNING, GymnasiumWorld, call, lift, refuse_running, title_of
 from perdure.envs.suites import make_world, task_of_environment
 from perdure.envs.vector_env import VectorEnvWorld
 from perdure.envs.world import World
@@ -105,6 +105,10 @@ class _Borrowed(VectorEnvWorld):
 @contextmanager
 def _without_limits(vector: Any) -> Iterator[int | None]:
     """Lift the limits of a vector's environments for the duration of a block; yield the old limit, or None."""
+    each = vector
+    while each is not vector.unwrapped:
+        refuse_running(each, getattr(each, RUNNING, False))
+        each = each.env
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
         return
@@ -124,7 +128,9 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
     if not remote:
         limit = getattr(vector.spec, "max_episode_steps", None)
     else:
-        limit = vector.unwrapped.get_attr(name)[0] if vector.unwrapped.call("has_wrapper_attr", name)[0] else None
+        has = vector.unwrapped.call
+        limit = vector.unwrapped.get_attr(name)[0] if has("has_wrapper_attr", name)[0] else None
+        refuse_running(vector, has("has_wrapper_attr", RUNNING)[0] and any(vector.unwrapped.get_attr(RUNNING)))
     if limit is None:
         yield None
         return

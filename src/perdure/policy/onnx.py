@@ -128,7 +128,7 @@ class OnnxModel:
         self._types = {name: _dtype(inputs[name].type) for name in self.times}
         names = [name for name in outputs if name not in self.state.values()]
         action = next((name for name in ACTIONS if name in names), names[0])
-        self._outputs, self._action_shape = [action, *self.state.values()], outputs[action].shape[1:]
+        self._outputs, self._action_shape = [action, *self.state.values()], outputs[action].shape
         self.__name__ = Path(what).stem
         self.training_horizon = _training_horizon(self._session.get_modelmeta().custom_metadata_map, what)
         """Steps of a training episode, if the model was exported with `export_onnx`; else None."""
@@ -137,11 +137,12 @@ class OnnxModel:
         """Raise PerdureError if the model says that it takes or returns other numbers of values than a task has."""
         actions = None if spec.discrete_actions else spec.action_size
         for does, shape, size, other in (
-            ("takes", self._input.shape[1:], spec.observation_size, "gives"),
+            ("takes", self._input.shape, spec.observation_size, "gives"),
             ("returns", self._action_shape, actions, "takes"),
         ):
-            if size is not None and all(isinstance(each, int) for each in shape) and math.prod(shape) != size:
-                raise PerdureError(f"{self._what} {does} {math.prod(shape)} numbers, but {spec.name} {other} {size}")
+            known = [each for each in shape[1:] if isinstance(each, int)]  # no shape at all: the model does not say
+            if size is not None and 1 <= len(known) == len(shape) - 1 and math.prod(known) != size:
+                raise PerdureError(f"{self._what} {does} {math.prod(known)} numbers, but {spec.name} {other} {size}")
 
     @property
     def signature(self) -> dict[str, str]:

@@ -275,7 +275,7 @@ def headline(verdicts: Sequence[Verdict]) -> str:
         between = "; " if len(clauses) == 1 else ", "
         return first + "; ".join(_clause(mine, between) for mine in clauses.values())
     parts = []
-    for disturbance, mine in groupby(verdicts, key=lambda verdict: verdict.group.disturbance):
+    for disturbance, mine in groupby(verdicts, key=lambda verdict: verdict.group.condition):
         counts = Counter(verdict.label for verdict in mine)
         counted = ", ".join(f"{label} {counts[label]}" for label in (*GOOD, *FAILURES) if counts[label])
         parts.append(counted if disturbance == CALM else f"under {disturbance} {counted}")
