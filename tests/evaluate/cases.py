@@ -17,7 +17,6 @@ import polars as pl
 
 from perdure.evaluate.episodes import window_steps
 from perdure.evaluate.reference import Idle
-from perdure.evaluate.table import RATES
 from perdure.evaluate.verdict import judge_episode, make_score_scale
 from perdure.policy.reference import BIN_STEPS, Reference
 from perdure.report.groups import NO_CLOCK
@@ -293,7 +292,7 @@ class Robots:
         labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0, "train_horizon": float(T)}
         labels |= {"clock": self.clock, "clock_kind": kind, "clock_steps": float(number or math.nan), "end_detail": ""}
         labels |= {"not_applied": "", "step_seconds": 0.036, "movement_first": 0.3}
-        labels |= {name: getattr(scale, name) for name in RATES}
+        labels |= {name: value for name, value in vars(scale).items() if name in COLUMNS}
         rows, has_goal = [], any(case.at_goal for case in (*self.episodes, *self.disturbed))
         for disturbance, cases in (("none", self.episodes), ("standard-1", self.disturbed)):
             for seed, case in enumerate(cases):

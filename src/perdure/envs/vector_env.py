@@ -109,9 +109,11 @@ class VectorEnvWorld(TrackedWorld):
         terminated, truncated = self._column("terminated", terminated, "b"), self._column("truncated", truncated, "b")
         self._shown = self._rows("step", batch)
         self._over = terminated | truncated
-        last = self._shown
-        if self._mode is AutoresetMode.SAME_STEP:
-            last = self._with_final_observations(last, info)
+        last = self._shown.copy()
+        # In SAME_STEP mode the vector has already reset the lanes that ended.
+        for lane in np.flatnonzero(self._over & (self._mode is AutoresetMode.SAME_STEP)):
+            final = _lane_of(self._space, info["final_obs"], int(lane))
+            last[lane] = read_observation(name, "step (final_obs)", self._space, final)
         elapsed = self.advance(chosen, self._over[chosen])
         return Step(
             last[chosen],
@@ -137,18 +139,13 @@ class VectorEnvWorld(TrackedWorld):
 
     def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
         """Reset the lanes of the mask; at the first call all lanes, because a vector must start as a whole."""
-        if mask.all() or self._shown is None:
-            returned = call(self.spec.name, "reset", self._env.reset, seed=list(seeds))
-            observations, _ = read_tuple(self.spec.name, "reset", returned, 2)
-            self._shown, self._over = self._rows("reset", observations), np.zeros_like(mask)
-            return self._shown
-        only_masked = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
-        options = {"reset_mask": mask.copy()}
-        returned = call(self.spec.name, "reset", self._env.reset, seed=only_masked, options=options)
+        mask = np.ones_like(mask) if self._shown is None else mask
+        given: dict[str, Any] = {} if mask.all() else {"options": {"reset_mask": mask.copy()}}
+        given["seed"] = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
+        returned = call(self.spec.name, "reset", self._env.reset, **given)
         observations, _ = read_tuple(self.spec.name, "reset", returned, 2)
-        shown = self._rows("reset", observations)
-        kept = ~mask & self.running
-        if not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
+        shown, kept = self._rows("reset", observations), ~mask & self.running
+        if self._shown is not None and not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
             raise PerdureError(
                 f"{self.spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
                 "not follow options['reset_mask'], or a wrapper mixes lanes; give its single environments to "
@@ -206,14 +203,6 @@ class VectorEnvWorld(TrackedWorld):
         renewed = self._over & (self._mode is AutoresetMode.SAME_STEP)
         infos = [lane_info(final if renewed[lane] else info, int(lane)) for lane in chosen]
         return np.array([read_success(self.spec.name, each, self.success_key) for each in infos])
-
-    def _with_final_observations(self, shown: FloatArray, info: dict[str, Any]) -> FloatArray:
-        """Return observations, with the final one of lanes that the vector has already reset."""
-        last = shown.copy()
-        for lane in np.flatnonzero(self._over):
-            final = _lane_of(self._space, info["final_obs"], int(lane))
-            last[lane] = read_observation(self.spec.name, "step (final_obs)", self._space, final)
-        return last
 
 
 def _lane_of(space: Any, tree: Any, lane: int) -> Any:

@@ -18,7 +18,7 @@ from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec, win
 from perdure.evaluate.verdict import ScoreScale, judge_episode
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
-from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS, OUTCOMES
+from perdure.report.schema import COLUMNS, END_REASONS, FILE_NOTE, GOALS, OUTCOMES
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -203,13 +203,6 @@ def judge_table(
         steps = window_steps(horizon)
         earned = returns[begin:end][np.isin(grid[begin:end], steps)]
         verdict = judge_episode(steps, earned, end_step, end_reason, scale, at_goal == 1.0)
-        named = {name: getattr(scale, name) for name in RATES} | {"not_applied": (not_applied or {}).get(label, "")}
-        rows.append(named | asdict(verdict))
+        named = {name: value for name, value in vars(scale).items() if name in COLUMNS}
+        rows.append({**named, "not_applied": (not_applied or {}).get(label, ""), **asdict(verdict)})
     return frame.hstack(pl.DataFrame(rows)[np.repeat(np.arange(len(rows)), last + 1 - begins)])
-
-
-RATES = (
-    *("idle_rate", "training_rate", "published_rate", "window", "settling"),
-    *("policy_state", "policy_note", "training_falls"),
-)
-"""Columns of the table that are fields of `ScoreScale`."""
