@@ -8,7 +8,7 @@ import pytest
 from worlds import trajectories
 
 from perdure.envs import make_world
-from perdure.envs.envpool import EnvPoolWorld, flat_observations, observation_keys
+from perdure.envs.envpool import EnvPoolWorld
 from perdure.errors import PerdureError
 
 SEEDS = [11, 12, 13]
@@ -21,29 +21,32 @@ def build(task: str, seeds: Sequence[int] = SEEDS, threads: int = 1) -> EnvPoolW
     return world
 
 
-class PublicChannel:
-    """EnvPool's documented `reset` and `step`."""
+class PublicPool:
+    """EnvPool's documented `reset` and `step` behind the calls that a world makes."""
 
     def __init__(self, pool):
-        self.pool = pool
-        self.names = [key.split(":")[1:] for key in observation_keys(pool)]
+        self.pool, self.keys = pool, list(pool._state_keys)
 
-    def reset(self, ids):
-        return self.flat(self.pool.reset(ids)[0])
+    def _reset(self, ids):
+        self.keep(self.pool.reset(ids)[0])
 
-    def step(self, actions, ids):
+    def _send(self, job):
+        ids, _, actions = job
         observations, rewards, terminated, trunc, _ = self.pool.step(actions, ids)
-        return self.flat(observations), rewards, terminated | trunc, trunc
+        self.keep(observations, reward=rewards, done=terminated | trunc, trunc=trunc)
 
-    def flat(self, observations):
-        parts = [observations[name] for (name,) in self.names] if isinstance(observations, dict) else [observations]
-        return flat_observations(parts)
+    def keep(self, observations, **others):
+        parts = observations if isinstance(observations, dict) else {"": observations}
+        self.state = {f"obs:{name}".rstrip(":"): part for name, part in parts.items()} | others
+
+    def _recv(self):
+        return [self.state.get(key) for key in self.keys]
 
 
 @one_of_each
 def test_the_short_way_and_the_public_way_agree_bit_for_bit(task: str) -> None:
     raw, public = build(task), build(task)
-    public._channel = PublicChannel(public.pool)
+    public.pool = PublicPool(public.pool)
     for order in ([0, 1, 2], [2, 0, 1]):
         ours, expected = trajectories(raw, SEEDS, 25, order), trajectories(public, SEEDS, 25, order)
         assert all(np.array_equal(a, b) for a, b in zip(ours, expected, strict=True))

@@ -1,7 +1,7 @@
 """EnvPool's compiled tasks as a `World`.
 
 EnvPool's public `step` rebuilds dictionaries at every call, which costs 60 to 100 us: more than the physics of a small
-batch. `RawChannel` hands arrays to the compiled pool directly, with positions looked up once from the pool's own key
+batch. `EnvPoolWorld` hands arrays to the compiled pool directly, with positions looked up once from the pool's own key
 lists.
 """
 
@@ -16,20 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from perdure.envs.world import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Step,
-    TaskSpec,
-    TrackedWorld,
-    checked_actions,
-    checked_seeds,
-)
+from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec, TrackedWorld, checked_actions, checked_seeds
 from perdure.errors import PerdureError
 
-Int32Array = npt.NDArray[np.int32]
-Outcome = tuple[FloatArray, npt.NDArray[np.float32], BoolArray, BoolArray]
 OUT_OF_REACH = 10**9
 """EnvPool's own step limit, which must never be reached: lanes have no horizon."""
 STEP_SECONDS = {
@@ -72,7 +61,9 @@ class EnvPoolWorld(TrackedWorld):
             seed=seeds,
             max_episode_steps=OUT_OF_REACH,
         )
-        self._channel = RawChannel(self.pool)
+        keys = list(self.pool._state_keys)
+        self._observed = [keys.index(key) for key in observation_keys(self.pool)]
+        self._reward, self._done, self._trunc = (keys.index(key) for key in ("reward", "done", "trunc"))
         self.spec = _spec_of(self.pool, name, suite)
         self._action_dtype = self.pool.action_space.dtype
         super().__init__(len(seeds))
@@ -80,7 +71,8 @@ class EnvPoolWorld(TrackedWorld):
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
         chosen = self.lanes_to_reset(lanes)
-        observations = self._channel.reset(chosen.astype(np.int32))
+        self.pool._reset(chosen.astype(np.int32))
+        observations = self._flat(self.pool._recv())
         self.begin(chosen)
         return observations
 
@@ -88,21 +80,20 @@ class EnvPoolWorld(TrackedWorld):
         """See `World.step`."""
         chosen = self.lanes_to_step(lanes)
         clipped = checked_actions(actions, chosen, self.spec).astype(self._action_dtype, copy=False)
-        observations, rewards, done, trunc = self._channel.step(clipped, chosen.astype(np.int32))
-        elapsed = self.advance(chosen, done)
-        return Step(
-            observations,
-            rewards.astype(np.float64),
-            done & ~trunc,
-            trunc,
-            elapsed,
-            np.zeros(len(chosen), np.bool_),
-        )
+        ids = chosen.astype(np.int32)
+        self.pool._send([ids, ids, clipped])
+        state = self.pool._recv()  # rows in the order of `ids`
+        rewards, done, trunc = state[self._reward].astype(np.float64), state[self._done], state[self._trunc]
+        observations, elapsed = self._flat(state), self.advance(chosen, done)
+        return Step(observations, rewards, done & ~trunc, trunc, elapsed, np.zeros(len(chosen), np.bool_))
 
     def close(self) -> None:
         """See `World.close`."""
         self.closed = True
-        self.pool = self._channel = None  # type: ignore[assignment]  # EnvPool frees its threads with the last reference
+        self.pool = None  # EnvPool frees its threads with the last reference
+
+    def _flat(self, state: list[npt.NDArray[Any]]) -> FloatArray:
+        return flat_observations([state[index] for index in self._observed])
 
 
 def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
@@ -138,31 +129,6 @@ def _mujoco_version(pool: Any) -> str | None:
             ask.restype = ctypes.c_char_p
             return str(ask().decode())
     return None
-
-
-class RawChannel:
-    """The compiled pool's own send and receive. Rows come back in the order of `ids`."""
-
-    def __init__(self, pool: Any) -> None:
-        """Find the position of each array."""
-        keys = list(pool._state_keys)
-        self._reset, self._send, self._recv = pool._reset, pool._send, pool._recv
-        self._observed = [keys.index(key) for key in observation_keys(pool)]
-        self._reward, self._done, self._trunc = (keys.index(key) for key in ("reward", "done", "trunc"))
-
-    def reset(self, ids: Int32Array) -> FloatArray:
-        """Reset these environments; return their first observations, shape (n, observation_size)."""
-        self._reset(ids)
-        return self._flat(self._recv())
-
-    def step(self, actions: npt.NDArray[Any], ids: Int32Array) -> Outcome:
-        """Step these environments; return observations, rewards, done (any end) and trunc (EnvPool's step limit)."""
-        self._send([ids, ids, actions])
-        state = self._recv()
-        return self._flat(state), state[self._reward], state[self._done], state[self._trunc]
-
-    def _flat(self, state: list[npt.NDArray[Any]]) -> FloatArray:
-        return flat_observations([state[index] for index in self._observed])
 
 
 def observation_keys(pool: Any) -> list[str]:
