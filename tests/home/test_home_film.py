@@ -13,7 +13,7 @@ from perdure.errors import PerdureError
 from perdure.film import GAP
 from perdure.home import film
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.policies import SHIPPED, make_agents
+from perdure.home.evaluate.policies import make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.film import Agent, Frame, film_episode, record
 from perdure.home.pictures import put, render_scene
@@ -194,19 +194,6 @@ def test_a_release_at_the_end_waits_in_its_last_state_and_none_is_refused(monkey
 def test_wrong_films_are_refused(episode, tmp_path, options, message):
     with pytest.raises(PerdureError, match=message):
         film_episode(episode, tmp_path / "film.mp4", [agent()], **options)
-
-
-def test_another_training_seed_may_change_the_place_policy_alone(tmp_path):
-    mine = {"place": str(tmp_path / "seed-{seed}.safetensors")}
-    place = SHIPPED / "tidy_house/place/seed-0.safetensors"
-    (tmp_path / "seed-77.safetensors").write_bytes(place.read_bytes())
-    with pytest.raises(PerdureError, match="training seed 77"):
-        Agent(EvaluationProtocol("tidy_house", "rl", policies=mine), 77)
-    alone = EvaluationProtocol("tidy_house", "rl", policies=mine, vary="place")
-    with pytest.raises(PerdureError, match="seed-0"):
-        Agent(alone)
-    (tmp_path / "seed-0.safetensors").write_bytes(place.read_bytes())
-    assert "every skill" in Agent(alone, 77).caption
 
 
 def test_a_live_view_shows_each_agent_in_turn(episode, fast, monkeypatch):

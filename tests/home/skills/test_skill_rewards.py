@@ -40,13 +40,17 @@ def test_the_first_release_in_the_goal_earns_1_and_later_steps_nothing_more():
     assert step_reward(Place(), HELD, inside, inside)[1]["release"] == 0.0
 
 
-def test_a_release_in_motion_costs_what_was_asked():
-    moving = change(HELD, object=[1.0, 0.1, 0.8], gripper_velocity=[0.0, 0.16, 0.12])
-    inside = change(moving, held=-1, gripper_velocity=[0.0, 0.0, 0.0])
-    assert step_reward(Place(release_cost=3.0), moving, inside)[1]["release"] == close(1.0 - 0.6)
-    assert step_reward(Place(release_cost=3.0), moving, inside, inside)[1]["release"] == 0.0
+@pytest.mark.parametrize(
+    ("hand", "speed", "paid"), [(0.0, 0.0, 10.0), (0.0, 0.03, 5.0), (0.01, 0.08, 2.5), (0.27, 0.0, 1.0)]
+)
+def test_a_gentle_release_is_paid_by_the_speeds_of_hand_and_object(hand, speed, paid):
+    way = np.array([0.6, 0.8, 0.0]) * speed / 30 + [0.0, 0.0, -0.01]  # what falls is not in motion
+    held = change(HELD, object=[1.0, 0.1, 0.8], gripper_velocity=[0.0, 0.0, -hand])
+    inside = change(held, held=-1, object=np.array([1.0, 0.1, 0.8]) + way)
+    assert step_reward(Place(gentle=True), held, inside)[1]["release"] == close(1.0 + paid)
+    assert step_reward(Place(gentle=True), held, inside, inside)[1]["release"] == 0.0
     outside = change(inside, object=[1.0, 0.151, 0.8])
-    assert step_reward(Place(release_cost=3.0), moving, outside)[1]["release"] == 0.0
+    assert step_reward(Place(gentle=True), held, outside)[1]["release"] == 0.0
 
 
 def test_a_release_outside_the_goal_costs_1_and_ends_place():

@@ -10,7 +10,7 @@ from scipy import stats
 from perdure.errors import PerdureError
 from studies.files import read_csv
 from studies.placement import study
-from studies.placement.tables import COLUMNS, OPTIONAL, PAGE_TABLES, read_tables, write_tables
+from studies.placement.tables import COLUMNS, OPTIONAL, PAGE_TABLES, read_tables
 
 ROOT = Path(__file__).parents[3]
 COMMITTED = ROOT / "results" / "placement"
@@ -72,7 +72,9 @@ def test_counts_fit_together(tables):
 
 def test_after_holm_no_gain_with_drag_only_would_be_below_5_percent(tables):
     """Six paired differences of three policy sets each; the p value follows from the lower bound (Student t)."""
-    found = tables["differences"].filter(pl.col("second").is_in(["stop", "ik"]), split="eval", world="drag", first="rl")
+    found = tables["differences"].filter(
+        pl.col("second").is_in(["stop drag", "ik drag"]), split="eval", first="rl drag"
+    )
     estimate, lower = (found[f"episodes {name}"].to_numpy() for name in ("estimate", "lower"))
     error = (estimate - lower) / stats.t.ppf(0.975, 2)
     p = sorted(2 * stats.t.sf(estimate / error, 2))
@@ -95,8 +97,8 @@ def test_success_rises_in_each_policy_set_of_each_task(tables, second):
 EDITS = {
     "wrong column": (
         "release-speed",
-        ("interval,in_motion,", "interval,moves,"),
-        r"release-speed\.csv: its columns must be interval, in_motion, .*, not interval, moves",
+        ("interval,hand_over,", "interval,moves,"),
+        r"release-speed\.csv: its columns must be interval, hand_over, .*, not interval, moves",
     ),
     "wrong type": (
         "release-speed",
@@ -111,8 +113,8 @@ EDITS = {
     ),
     "cut line": (
         "release-speed",
-        (None, "interval,in_m"),
-        r"release-speed\.csv: its columns must be interval, in_motion",
+        (None, "interval,hand"),
+        r"release-speed\.csv: its columns must be interval, hand_over",
     ),
 }
 
@@ -139,8 +141,3 @@ def test_a_csv_cut_within_a_row_is_refused(tmp_path):
         with pytest.raises(PerdureError, match=r"cut\.csv"):
             read_csv(path, COLUMNS["release-speed"], OPTIONAL)
     assert rows == list(range(whole.count(b"\n")))
-
-
-def test_tables_without_a_world_are_read_as_they_were_written(tables, tmp_path):
-    write_tables(tmp_path, tables)
-    assert all(table.equals(tables[name]) for name, table in read_tables(tmp_path).items())

@@ -1,6 +1,7 @@
 """The Fetch robot: `data/fetch.xml`, and what the package needs of it without a simulator.
 
-The file says where its numbers come from. Joints and actuators have the same names, in the same order.
+The file says where its numbers come from. Joints and actuators have the same order; all but those of the base have the
+same names.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def _joints() -> list[Joint]:
 _JOINTS = _joints()
 TORSO, ARM = _JOINTS[3], _JOINTS[4:11]
 JOINTS = tuple(joint.name for joint in _JOINTS)
-"""All joints and all actuators, in the order of the model: the base (x and y of the room, heading), the torso, the
+"""All joints, in the order of the model and of the actuators: the base (x and y of the room, heading), the torso, the
 seven of the arm from the shoulder to the wrist, the two fingers."""
 ARM_JOINTS = JOINTS[4:11]
 ARM_LOW, ARM_HIGH = tuple(joint.low for joint in ARM), tuple(joint.high for joint in ARM)

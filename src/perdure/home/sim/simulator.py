@@ -114,8 +114,7 @@ class Simulator:
 
     def drive(self, forward: float, turn: float) -> None:
         """Base speeds for the next control step, in [m/s] and [rad/s]."""
-        heading = self.robot[2] + 0.5 * turn / CONTROL_HZ
-        self.ctrl[0], self.ctrl[1], self.ctrl[2] = forward * np.cos(heading), forward * np.sin(heading), turn
+        self.ctrl[:3] = forward, 0.0, turn
 
     def step(self) -> None:
         """One control step of physics; lets other threads run meanwhile."""

@@ -239,7 +239,7 @@ class CloseFridge(Articulated):
     start_range = (OPENED, 2.356)
     start_rectangles = OpenFridge.start_rectangles
     navigation_region = OpenFridge.navigation_region
-    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+    recipe = Recipe(2_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.4, 0.9))
 
     def front(self, state: PrivilegedState) -> FloatArray:
         """Return the direction in which the door faces; its hinge turns to the right as it opens."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -34,8 +34,8 @@ KINDS: Mapping[str, Kind] = {
     "split": Choice(tuple(SPLITS)),
     "targets": Maybe(Items(Whole(0, 100))),
     "delta": COUNT,
-    "limited_to": Maybe(COUNT),
-    "release_cost": Real(0.0, 1000.0),
+    "actions": Choice(("joints", "hand")),
+    "gentle": Flag(),
     "training": Flag(),
     "clutter": Flag(),
     "physics_hz": Whole(SERVO_HZ, 100_000),
@@ -43,7 +43,7 @@ KINDS: Mapping[str, Kind] = {
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
-SKILL_OPTIONS = ("delta", "limited_to", "release_cost")
+SKILL_OPTIONS = ("delta", "actions", "gentle")
 """Options that are fields of a skill."""
 
 
@@ -59,9 +59,9 @@ class SkillEnvOptions:
     """The targets to draw from, uniformly; all that need the skill when None."""
     delta: int = 1
     """See `Place`."""
-    limited_to: int | None = None
+    actions: Literal["joints", "hand"] = "joints"
     """See `Place`."""
-    release_cost: float = 0.0
+    gentle: bool = False
     """See `Place`."""
     training: bool = False
     """Whether each episode draws one of `LEVERS`, and half the start states of `train` are recorded (`PlanStart`)."""
@@ -290,7 +290,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             over = np.flatnonzero(self._over).tolist()
             raise PerdureError(f"lanes {over} have ended or never begun: reset them first")
         skill, before, was = self.skill, self._state, self._progress
-        full = skill.expand_action(self._checked(actions))
+        full = skill.expand_action(self._checked(actions), before)
         self.world.step(skill.mask(full, before), None, skill.base_speed, skill.arm_step)
         after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
         now = skill.advance(was, after)
@@ -349,7 +349,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
     def _set_spaces(self) -> None:
         low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
         self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.skill.active_columns),), dtype=np.float64)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.skill.action_size,), dtype=np.float64)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 

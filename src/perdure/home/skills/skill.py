@@ -301,6 +301,11 @@ class Skill(ABC):
     ends_with_empty_hand: ClassVar[bool] = False
     """Whether the executor opens the hand after a time-out (M3)."""
 
+    def recipe_on(self, task: str) -> Recipe:
+        """Return how a skill that is not scripted is trained on a task."""
+        assert self.recipe is not None
+        return self.task_recipes.get(task, self.recipe)
+
     @property
     def limit(self) -> int:
         """Return the control steps after which the skill is stopped."""
@@ -314,6 +319,11 @@ class Skill(ABC):
     def elements(self) -> tuple[Element, ...]:
         """Return the documentation of every number of an observation, in order."""
         return tuple(element for term in self.observation_terms() for element in term.elements)
+
+    @property
+    def action_size(self) -> int:
+        """Return how many numbers a policy's action has."""
+        return len(self.active_columns)
 
     @property
     def failure_labels(self) -> tuple[str, ...]:
@@ -353,8 +363,8 @@ class Skill(ABC):
         """Return the actions without what the skill forbids. Shape (n, 11)."""
         return actions
 
-    def expand_action(self, actions: FloatArray) -> FloatArray:
-        """Return full actions from those of `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
+    def expand_action(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
+        """Return the robot's actions from a policy's: its `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
         full = np.zeros((len(actions), ACTION_SIZE))
         full[:, list(self.active_columns)] = actions
         return full

@@ -10,6 +10,7 @@ from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS, get_skill, learned_skills, make_skill_goal
 from perdure.home.skills.environment import HomeSkillVectorEnv
+from perdure.home.skills.place import VARIANTS
 from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
 from perdure.home.tasks.planning import make_plan
 
@@ -45,31 +46,32 @@ class Watching(Waiting):
         self.seen.append(skill.observe(state, progress)[0])
         if len(self.seen) > len(self.actions):
             raise EnoughError
-        return self.actions[len(self.seen) - 1][None]
+        return skill.expand_action(self.actions[len(self.seen) - 1][None], state)
 
 
-def stopping(name, always):
+def stopping(name, always, **options):
     """The skill, but it stops after every step, or never."""
-    return type(name, (SKILLS[name],), {"stop": lambda self, state, progress: np.full(len(state), always)})()
+    return type(name, (SKILLS[name],), {"stop": lambda self, state, progress: np.full(len(state), always)})(**options)
 
 
-@pytest.mark.parametrize("name", learned_skills())
-def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [*((name, {}) for name in learned_skills()), *(("place", options) for options in VARIANTS.values())],
+)
+def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name, options):
     episode = load_episodes("set_table", "val")[0]
     if name.startswith("close"):  # nothing would be left to do
         episode = replace(episode, opened={episode.container(0): 0.45, "top_door": 2.0})
     plan = make_plan(episode.home_task)
     before = [step.skill for step in plan].index(name)
-    actions = np.zeros((STEPS, 11))
-    columns = list(get_skill(name).active_columns)
-    actions[:, columns] = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, len(columns)))
+    actions = np.random.default_rng(0).uniform(-0.5, 0.5, (STEPS, get_skill(name, **options).action_size))
     watching = Watching(actions)
-    skills = {each: stopping(each, always=each != name) for each in SKILLS}
+    skills = {each: stopping(each, each != name, **(options if each == name else {})) for each in SKILLS}
     agents = {each: watching if each == name else Waiting() for each in SKILLS}
     with pytest.raises(EnoughError):
         list(Executor(skills, agents, ExecutorOptions(lanes=1, threads=1, scene=SCENE)).run([episode]))
 
-    env = HomeSkillVectorEnv(1, skill=name, task="set_table", split="val", episodes=1, threads=1)
+    env = HomeSkillVectorEnv(1, skill=name, task="set_table", split="val", episodes=1, threads=1, **options)
 
     def begin(world, lane, rng):
         """To where the executor was when the skill began: the same start, and as many steps of standing still."""
@@ -82,7 +84,7 @@ def test_the_environment_shows_what_the_executor_shows_to_the_last_bit(name):
     env.sampler = SimpleNamespace(begin=begin)
     shown = [env.reset(seed=0)[0][0]]
     for action in actions:
-        observations, _, terminated, *_ = env.step(action[None, columns])
+        observations, _, terminated, *_ = env.step(action[None])
         assert not terminated[0]
         shown.append(observations[0])
     np.testing.assert_array_equal(shown, watching.seen)
