@@ -22,6 +22,7 @@ from marks import put
 from perdure.envs.suites import parse_options
 from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, TIMED, read_release, shipped_seeds
 from perdure.home.skills import get_skill, learned_skills
+from perdure.home.skills.environment import targets_of
 from perdure.home.skills.place import variant_name
 from perdure.home.skills.train import evaluate_skill
 from perdure.home.tasks.tasks import TASKS
@@ -69,11 +70,11 @@ def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
 def lent(scores: dict[str, dict[str, Any]]) -> None:
     """How well policies that are learned on one task for all do on the others."""
     for skill, home in LEARNED_ON.items():
-        for task, seed in product(TASKS, shipped_seeds(home, skill)):
-            name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill).get(seed)
-            if path is None or path.parent.parent.name == task or name in scores:
-                continue
-            scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
+        others = [name for name, task in TASKS.items() if name != home and targets_of(skill, task)]
+        for task, seed in product(others, shipped_seeds(home, skill)):
+            name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill)[seed]
+            if path.parent.parent.name != task and name not in scores:
+                scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
 
 
 def main(folder: Path) -> None:

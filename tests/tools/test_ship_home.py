@@ -98,3 +98,12 @@ def test_what_is_good_enough_ships_and_replaces_an_earlier_training(ship, tmp_pa
     assert {str(path.relative_to(shipped).with_suffix("")) for path in shipped.rglob("*.safetensors")} == kept
     assert set(json.loads(scores.read_text())) == kept | {"set_table/navigate/seed-1"}
     assert "| set_table | pick | 0.910 |" in page.read_text()
+
+
+def test_a_lent_policy_is_scored_on_the_tasks_whose_plan_uses_its_skill(ship, monkeypatch):
+    """Doors are opened in SetTable's plan alone; navigate drives in all three."""
+    monkeypatch.setattr(ship, "score", lambda policy, task, name: {"success": 1.0})
+    scores = {}
+    ship.lent(scores)
+    assert {name.rsplit("/", 1)[0] for name in scores} == {"tidy_house/navigate", "prepare_groceries/navigate"}
+    assert all(entry["learned_on"] == "set_table" for entry in scores.values())

@@ -116,9 +116,10 @@ def test_opening_earns_2_per_metre_of_approach_1_for_the_grasp_2_per_metre_of_jo
     assert step_reward(skill, held, there, gone, change(gone, **gripper_off(0.2)))[0] == close(2 * 0.1)
 
 
-def test_the_fridge_earns_2_per_radian_beyond_the_angle_of_success():
-    """M3 accepts pi/2 - 0.15 = 1.42 rad; whoever stops there loses the stage at the next touch."""
+def test_the_fridge_earns_2_per_radian_beyond_the_angle_of_the_stage():
+    """The stage needs pi/2 - 0.15 = 1.42 rad; a robot that passes a door there closes it."""
     skill, held = OpenFridge(), state(link_position=1.43, held_link=DRAWER)
+    assert not skill.is_accepted(np.array(1.66)) and skill.is_accepted(np.array(1.68))
     moved = [step_reward(skill, held, change(held, link_position=q))[1]["move"] for q in (1.33, 1.53, 1.83)]
     assert moved == pytest.approx([-0.2, 0.2, 0.8])
 

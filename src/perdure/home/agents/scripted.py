@@ -419,7 +419,7 @@ MOTIONS: dict[str, Callable[[View], Motion]] = {
     "navigate": navigate,
     "open_drawer": lambda view: articulate(view, 0.45, 0.02),
     "close_drawer": lambda view: articulate(view, 0.0, 0.02),
-    "open_fridge": lambda view: articulate(view, 1.55, 0.05),
+    "open_fridge": lambda view: articulate(view, 1.8, 0.05),
     "close_fridge": lambda view: articulate(view, 0.0, 0.05),
 }
 """Motion by skill; the numbers are the goal position of a drawer or door and its tolerance, in [m] or [rad]."""

@@ -160,7 +160,7 @@ class Running:
     settling: int = 0
     """Steps of the settling time so far."""
     stood: dict[tuple[str, int], list[FloatArray]] = field(default_factory=dict)
-    """Where the attempts of each skill and target began, x and y in [m]."""
+    """Where the attempts of each skill and target began, and where they or a navigation failed, x and y in [m]."""
 
     def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, float]]:
         """Return middles of the targets (targets, 3), what the hand holds, how far drawer and fridge are open."""
@@ -236,8 +236,9 @@ class Executor:
                 if observe is not None:
                     observe(world, running)
                 for lane, each in sorted(running.items()):
-                    if each.settling < options.settle_steps and not each.recorder.diverged:
-                        continue
+                    if not each.recorder.diverged:
+                        if each.settling < options.settle_steps or self._goes_on(world, lane, each):
+                            continue
                     yield each.recorder.log(each.step, final_objects(world.simulator(lane)), **self._named)
                     del running[lane]
                     if waiting:
@@ -245,6 +246,16 @@ class Executor:
                         self._begin_skills(world, [lane], running)
         finally:
             world.close()
+
+    def _goes_on(self, world: VectorSimulator, lane: int, each: Running) -> bool:
+        """Return whether the planner, asked again after the settling time, has another skill, which then begins."""
+        if each.step + each.settling >= each.episode.home_task.max_steps:
+            return False
+        if (again := each.planner.next(each.facts(world, lane))) is None:
+            return False
+        each.current, each.step, each.settling = again, each.step + each.settling, 0
+        self._begin_skills(world, [lane], {lane: each})
+        return True
 
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
@@ -274,7 +285,7 @@ class Executor:
 
     @staticmethod
     def _skill_goal(world: VectorSimulator, lane: int, each: Running, step: SkillStep) -> SkillGoal:
-        """Return the goal of a step; a navigation to a further attempt ends away from where the earlier ones began."""
+        """Return the goal of a step; a navigation to a further attempt ends away from where the earlier ones stood."""
         episode = each.planner.seen(each.facts(world, lane), step)
         goal = make_skill_goal(episode, step, world.simulator(lane))
         stood = each.stood.setdefault((step.toward or step.skill, step.target), [])
@@ -352,7 +363,13 @@ class Executor:
                     world.simulator(lane).release()
                 step, succeeded = each.current, bool(success[row])
                 assert step is not None
-                what = (step.skill, step.target, step.attempt, step.toward or "", step.scripted)
+                if not succeeded:
+                    each.stood.setdefault((step.toward or step.skill, step.target), []).append(
+                        state.base[row, :2].copy()
+                    )
+                agent = self._agents[name]
+                scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
+                what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
                 each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
                 each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
                 if each.current is not None:

@@ -41,11 +41,13 @@ def found_states(world: VectorSimulator, running: Mapping[int, Running]) -> list
         if step is None or each.step != each.began or step.skill == "reset_arm" or touching(simulator) > TOUCH:
             continue
         what = step.skill, step.target, step.toward
+        believed = each.planner.seen(each.facts(world, lane), step).objects[step.target]
         if (simulator.held, simulator.held_link) != (step.target if "place" in what else -1, -1):
             continue
         x, y, yaw, *robot = np.round(simulator.robot, 4).tolist()
         opened = {**dict.fromkeys(each.episode.opened, 0.0), **open_links(simulator)}
         a, b, c, w, i, j, k = np.round(simulator.object(step.target)[0], 5).tolist()
         base, arm, pose = (x, y, yaw), tuple(robot[ARM_FROM - 3 : ARM_TO - 3]), ((a, b, c), (w, i, j, k))
-        found.append(PlanStart(each.episode.index, what, base, arm, opened, pose))
+        seen = believed.receptacle, believed.position
+        found.append(PlanStart(each.episode.index, what, step.attempt, seen, base, arm, opened, pose))
     return found

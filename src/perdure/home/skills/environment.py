@@ -21,13 +21,15 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
 from perdure.home.skills.skill import Skill, SkillProgress
-from perdure.home.skills.starts import Start, begin, read_plan_starts, train_pool
+from perdure.home.skills.starts import PlanStart, Start, begin, read_plan_starts, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
 from perdure.schema import Choice, Flag, Items, Kind, Maybe, Real, Text, Whole
 
 COUNT = Whole(1, 1_000_000)
+RETRY_WEIGHT = 5
+"""How many times as often as others recorded starts of further attempts are drawn: they are rare and hard (our choice)."""
 KINDS: Mapping[str, Kind] = {
     "skill": Text(),
     "task": Choice(tuple(TASKS)),
@@ -165,20 +167,24 @@ class EpisodeSampler:
         self._options = options
         self.episodes = options.load()
         self._skill = options.make_skill()
-        recorded = options.training and options.split == "train"
-        self._recorded = read_plan_starts(options.task, options.skill) if recorded else {}
+        rows = read_plan_starts(options.task, options.skill) if options.training and options.split == "train" else []
+        usable = [r for r in rows if r.episode < len(self.episodes) and r.step[1] in options.chosen_targets]
+        self._recorded = [row for row in usable for _ in range(RETRY_WEIGHT if row.attempt > 1 else 1)]
 
     def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
         """Begin an episode in a lane and return it."""
         number = int(rng.integers(len(self.episodes)))
         targets = self._options.chosen_targets
         target = targets[int(rng.integers(len(targets)))]
+        recorded = list[PlanStart]()
+        if self._recorded and rng.random() < 0.5:
+            recorded.append(self._recorded[int(rng.integers(len(self._recorded)))])
+            number, target = recorded[0].episode, recorded[0].step[1]
         episode = self.episodes[number]
-        recorded = self._recorded.get((number, target))
 
         def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
-            if recorded and rng.random() < 0.5:
-                return self._skill.recorded_start(episode, recorded[int(rng.integers(len(recorded)))])
+            if recorded:  # once: in another scene it may touch something
+                return self._skill.recorded_start(episode, recorded.pop())
             return self._skill.draw_start(episode, target, rng)
 
         begin(world, lane, self.scene(number, target), draw, episode, target, rng)

@@ -429,7 +429,9 @@ class Skill(ABC):
         """Return a recorded start state in its episode."""
         (_, target, toward), (position, quaternion), held = row.step, row.pose, "place" in row.step
         moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
-        goal = replace(self.skill_goal(episode, target, row.opened, toward), target=0)
+        seen = replace(episode.objects[target], receptacle=row.seen[0], position=row.seen[1])
+        believed = replace(episode, objects=(*episode.objects[:target], seen, *episode.objects[target + 1 :]))
+        goal = replace(self.skill_goal(believed, target, row.opened, toward), target=0)
         return starts.Start(Pose(*row.base), np.array(row.arm), goal, row.opened, held - 1, {} if held else moved)
 
     def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:

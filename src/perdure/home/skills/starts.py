@@ -56,6 +56,10 @@ class PlanStart(Record, frozen=True):
     """Number in the pool of training episodes."""
     step: tuple[str, int, str | None]
     """Skill, target and, for navigate, the next skill."""
+    attempt: int
+    """From 1; navigations count as the skill that they lead to."""
+    seen: tuple[str, Vec3]
+    """Where the planner takes the target to be: receptacle and position."""
     base: Vec3
     arm: tuple[float, ...]
     opened: dict[str, float]
@@ -391,15 +395,11 @@ def plan_starts_file(task: str) -> Path:
     return cache_folder() / f"{task}_starts_{fingerprint()}.json"
 
 
-def read_plan_starts(task: str, skill: str) -> dict[tuple[int, int], list[PlanStart]]:
-    """Return the recorded start states of a skill by episode and target; PerdureError when nothing was recorded."""
+def read_plan_starts(task: str, skill: str) -> list[PlanStart]:
+    """Return the recorded start states of a skill; PerdureError when nothing was recorded."""
     if not (path := plan_starts_file(task)).exists():
         raise PerdureError(f"{path} is missing: `perdure home train` or `record_plan_starts({task!r})` makes it")
-    found: dict[tuple[int, int], list[PlanStart]] = {}
-    for row in read_json(path.read_bytes(), list[PlanStart]):
-        if row.step[0] == skill:
-            found.setdefault((row.episode, row.step[1]), []).append(row)
-    return found
+    return [row for row in read_json(path.read_bytes(), list[PlanStart]) if row.step[0] == skill]
 
 
 def cache_folder() -> Path:

@@ -8,14 +8,16 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Scripted
 from perdure.home.agents.scripted import Oracle
+from perdure.home.evaluate import execute
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched, stabilizing
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.simulator import ACTION_SIZE, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.planners import Planner
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import TASKS
+from perdure.home.tasks.tasks import TASKS, SkillStep
 from tests.home.limits import shorten
 
 LIMIT, MOST = 40, 450
@@ -130,6 +132,29 @@ def test_skills_without_an_actor_are_refused():
         Executor({"pick": get_skill("pick")}, {}, None)
 
 
+def test_skills_of_the_oracle_count_as_scripted(solved, idle):
+    assert all(each.scripted == (each.skill != "reset_arm") for each in solved.runs)
+    assert not any(each.scripted for each in idle.runs)
+
+
+def test_a_planner_is_asked_again_after_the_settling_time(set_table, monkeypatch):
+    """One that has another skill only then, as when an object rolled away after the plan."""
+    reset = SkillStep("reset_arm", 0)
+
+    class Again(Planner):
+        def __init__(self, episode):
+            super().__init__(episode)
+            self._steps = iter((reset, None, reset, None))
+
+    monkeypatch.setitem(execute.PLANNERS, "open", Again)
+    log = run(Idle(), [set_table[0]], lanes=1, settle_steps=7)[0]
+    first, second = log.runs
+    assert (first.begin, second.begin - first.end) == (0, 7)
+    assert (log.steps, log.length) == (second.end, second.end + 7)
+    shorten(monkeypatch, LIMIT, first.end + 7)
+    assert len(run(Idle(), [set_table[0]], lanes=1, settle_steps=7)[0].runs) == 1, "the task's limit is over"
+
+
 class Holding(Idle):
     """Keeps the hand closed for ever; `patient` asks for more time, as the release strategies do."""
 
@@ -178,21 +203,19 @@ def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
     """A pick that never grasps is tried three times, from different places, and then by the oracle, which succeeds."""
     skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()
     agents = {name: Scripted() if name == "reset_arm" else oracle for name in SKILLS} | {"pick": Idle()}
-    picks, ends = [], []
+    picks, stood = [], []
 
     def observe(world, running):
-        each = running[0]
-        step = each.current
+        step = running[0].current
         if step.skill == "pick" and (not picks or picks[-1][0] != step.attempt):
             picks.append((step.attempt, step.scripted))
+            stood.append(world.sense().base[0, :2].copy())
         if step.skill == "place":
-            ends.append(each.stood["pick", 0])
             raise EnoughError
 
     executor = Executor(skills, agents, ExecutorOptions(lanes=1, threads=1, planner="closed"))
     with pytest.raises(EnoughError):
         list(executor.run([load_episodes("tidy_house", "val")[0]], observe))
     assert picks == [(1, False), (2, False), (3, False), (4, True)]
-    stood = np.array(ends[0])
-    apart = np.linalg.norm(stood[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
+    apart = np.linalg.norm(np.array(stood)[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
     assert apart.min() > 0.2  # the cells are 0.3 m apart; the robot stops within 0.1 m of one

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import plan_starts
@@ -30,7 +31,14 @@ def recorded(tmp_path_factory):
         patch.setattr(environment, "train_pool", lambda task, count=None: POOL)
         patch.setattr(plan_starts, "POLICY_SETS", 1)
         plan_starts.record_plan_starts("set_table")
-        yield {skill: read_plan_starts("set_table", skill) for skill in USED}
+        yield {skill: by_target(read_plan_starts("set_table", skill)) for skill in USED}
+
+
+def by_target(rows):
+    found = {}
+    for row in rows:
+        found.setdefault((row.episode, row.step[1]), []).append(row)
+    return found
 
 
 def restored(skill, number, row):
@@ -78,6 +86,26 @@ def test_half_the_starts_of_training_are_recorded_ones(recorded):
         share = np.mean([tuple(base) in known for base in env.world.sense().base.tolist()])
         assert low <= share <= high
         env.close()
+
+
+def test_a_recorded_goal_is_where_the_planner_takes_the_object_to_be(recorded):
+    """Not where it was at first: the bowl moves with its drawer; what fell is faced where it lies."""
+    row = next(row for (_, target), rows in recorded["pick"].items() if target == 0 for row in rows)
+    episode = POOL.episodes[row.episode]
+    assert np.linalg.norm(np.subtract(row.seen[1], episode.objects[0].position)) > 0.3
+    fallen = replace(row, seen=(episode.goals[0].receptacle, (1.0, 2.0, 0.03)), pose=((1.0, 2.0, 0.03), row.pose[1]))
+    start = get_skill("pick").recorded_start(episode, fallen)
+    assert start.skill_goal.aim == (1.0, 2.0, 0.03)
+    assert start.moved[0].position == (1.0, 2.0, 0.03)
+
+
+def test_further_attempts_are_drawn_more_often(recorded, monkeypatch):
+    rows = [row for rows in recorded["pick"].values() for row in rows]
+    again = replace(rows[0], attempt=2)
+    monkeypatch.setattr(environment, "read_plan_starts", lambda task, skill: [*rows, again])
+    sampler = environment.EpisodeSampler(SkillEnvOptions("pick", "set_table", training=True))
+    assert sampler._recorded.count(again) == environment.RETRY_WEIGHT
+    assert len(sampler._recorded) == sum(environment.RETRY_WEIGHT if row.attempt > 1 else 1 for row in [*rows, again])
 
 
 def test_without_a_record_training_says_what_makes_it(monkeypatch, tmp_path):
