@@ -119,7 +119,7 @@ def test_opening_earns_2_per_metre_of_approach_1_for_the_grasp_2_per_metre_of_jo
 def test_the_fridge_earns_2_per_radian_beyond_the_angle_of_the_stage():
     """The stage needs pi/2 - 0.15 = 1.42 rad; a robot that passes a door there closes it."""
     skill, held = OpenFridge(), state(link_position=1.43, held_link=DRAWER)
-    assert not skill.is_accepted(np.array(1.66)) and skill.is_accepted(np.array(1.68))
+    assert [bool(skill.is_accepted(np.array(q))) for q in (1.66, 1.68)] == [False, True]
     moved = [step_reward(skill, held, change(held, link_position=q))[1]["move"] for q in (1.33, 1.53, 1.83)]
     assert moved == pytest.approx([-0.2, 0.2, 0.8])
 

@@ -236,9 +236,9 @@ class Executor:
                 if observe is not None:
                     observe(world, running)
                 for lane, each in sorted(running.items()):
-                    if not each.recorder.diverged:
-                        if each.settling < options.settle_steps or self._goes_on(world, lane, each):
-                            continue
+                    settled = each.recorder.diverged or each.settling >= options.settle_steps
+                    if not settled or self._goes_on(world, lane, each):
+                        continue
                     yield each.recorder.log(each.step, final_objects(world.simulator(lane)), **self._named)
                     del running[lane]
                     if waiting:
@@ -249,7 +249,7 @@ class Executor:
 
     def _goes_on(self, world: VectorSimulator, lane: int, each: Running) -> bool:
         """Return whether the planner, asked again after the settling time, has another skill, which then begins."""
-        if each.step + each.settling >= each.episode.home_task.max_steps:
+        if each.recorder.diverged or each.step + each.settling >= each.episode.home_task.max_steps:
             return False
         if (again := each.planner.next(each.facts(world, lane))) is None:
             return False

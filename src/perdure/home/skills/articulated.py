@@ -211,7 +211,7 @@ class CloseDrawer(Articulated):
 
 
 class Fridge(Articulated):
-    """M3's start states. An open door hides its handle from a robot in front of it: the door's direction is observed."""
+    """M3's start states. An open door hides its handle from a robot in front of it, so its direction is observed."""
 
     start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
     navigation_region = Rectangle((0.9, 1.8), 0.5)

@@ -29,7 +29,7 @@ from perdure.schema import Choice, Flag, Items, Kind, Maybe, Real, Text, Whole
 
 COUNT = Whole(1, 1_000_000)
 RETRY_WEIGHT = 5
-"""How many times as often as others recorded starts of further attempts are drawn: they are rare and hard (our choice)."""
+"""How much more often recorded starts of further attempts are drawn: they are rare and hard (our choice)."""
 KINDS: Mapping[str, Kind] = {
     "skill": Text(),
     "task": Choice(tuple(TASKS)),

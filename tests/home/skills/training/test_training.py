@@ -161,8 +161,8 @@ def test_a_gentle_release_is_learned_with_less_noise():
 
 
 def test_a_task_may_need_another_recipe():
-    begin = {task: skill_config("pick", task).log_std_init for task in ("set_table", "tidy_house", "prepare_groceries")}
-    assert begin == {"set_table": -0.5, "tidy_house": 0.0, "prepare_groceries": 0.0}
+    steps = {task: skill_config("place", task).total_steps for task in ("set_table", "tidy_house", "prepare_groceries")}
+    assert steps == {"set_table": 4_000_000, "tidy_house": 2_000_000, "prepare_groceries": 4_000_000}
 
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
