@@ -168,13 +168,13 @@ class Shown:
         from perdure.home.evaluate.log import UNTRAINED
         from perdure.home.evaluate.protocol import EvaluationProtocol
         from perdure.home.failures import read_logged
-        from perdure.home.film import AFTERWARDS, Agent
+        from perdure.home.film import Agent
         from perdure.home.tasks.episodes import load_episodes
 
         chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
         if not self.logs:
             scene = SceneOptions(**vars(self.world))
-            options = ExecutorOptions(self.eval_seed, scene=scene, settle_steps=AFTERWARDS, planner=self.planner)
+            options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner)
             first = EvaluationProtocol(self.task, "rl", self.split, episodes=1, policies=chosen, options=options)
             named = [replace(first, place=each) for each in self.place or ("rl",)]
             return episode, [Agent(each, self.train_seed) for each in named]

@@ -94,7 +94,7 @@ EPISODES: Columns = {
     "success": (bool, "whether the whole task succeeded, latched", lambda log: outcomes.latched(log)[-1]),
     "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: outcomes.stages_stabilizing(log)[-1]),
     "final": (bool, "see `outcomes.final_state`", outcomes.final_state),
-    "scripted": (int, "scripted skills that stood in for a policy", lambda log: sum(run.scripted for run in log.runs)),
+    "scripted": (int, "skills in which the oracle acted", lambda log: sum(run.scripted for run in log.runs)),
     "outcome": (str, "see `outcomes.outcome`", outcomes.outcome),
     "seconds": (float, "duration [s]", lambda log: log.steps / log.control_hz),
     "settle_seconds": (float, "settling time after it [s]", lambda log: (log.length - log.steps) / log.control_hz),

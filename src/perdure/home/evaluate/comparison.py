@@ -307,7 +307,7 @@ def success_table(view: View) -> Table:
         f"Mean +- standard error over runs (none for one run) [95 % interval {over}]. Counted, did not last: the "
         "benchmark counts the episode as a success, yet an object left its goal after its place ended. Final state: "
         "all targets in their goals and an empty hand in all of the last five seconds. Policies alone: no scripted "
-        "skill stood in for a policy."
+        "skill acted."
     )
     return Table("Success", headings, rows, note)
 

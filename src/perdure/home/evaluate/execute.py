@@ -1,8 +1,9 @@
 """Execute episodes, many at once: a planner chooses the skills one by one (`perdure.home.tasks.planners`).
 
 As in TP+SRL a skill ends by its own stop rule or at its step limit. After a place, open or close that timed out the
-hand is opened by force. The episode ends with the plan or at the task's step limit. Then the simulation runs on for a
-settling time in which the robot stands still, so that the log shows which objects stay at their goals.
+hand is opened by force. After the plan, or at the task's step limit, the simulation runs on for a settling time in
+which the robot stands still, so that the log shows which objects stay at their goals. Then the planner is asked once
+more: a closed loop brings back what has rolled away, and settles again.
 """
 
 from __future__ import annotations
@@ -25,12 +26,11 @@ from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
 from perdure.home.sim.simulator import ACTION_SIZE, Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
+from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
 from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
-APART = 0.3
-"""Smallest distance in [m] between where two attempts begin, if the region is large enough (our choice)."""
 OVERTIME = 150
 """Steps that a release strategy may take beyond the step limit of place."""
 
@@ -49,7 +49,7 @@ class ExecutorOptions:
     settle_steps: int = SETTLE_STEPS
     """Control steps of the settling time, 1 or more."""
     planner: PlannerName = "open"
-    """"open": the task's plan, whatever happens. "closed": it is planned again after each skill."""
+    """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
 
     def __post_init__(self) -> None:
         """Refuse an unknown planner, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
@@ -233,12 +233,10 @@ class Executor:
             self._begin_skills(world, sorted(running), running)
             while running:
                 self._step(world, running)
+                over = {lane: each for lane, each in sorted(running.items()) if self._is_over(world, lane, each)}
                 if observe is not None:
                     observe(world, running)
-                for lane, each in sorted(running.items()):
-                    settled = each.recorder.diverged or each.settling >= options.settle_steps
-                    if not settled or self._goes_on(world, lane, each):
-                        continue
+                for lane, each in over.items():
                     yield each.recorder.log(each.step, final_objects(world.simulator(lane)), **self._named)
                     del running[lane]
                     if waiting:
@@ -247,15 +245,17 @@ class Executor:
         finally:
             world.close()
 
-    def _goes_on(self, world: VectorSimulator, lane: int, each: Running) -> bool:
-        """Return whether the planner, asked again after the settling time, has another skill, which then begins."""
-        if each.recorder.diverged or each.step + each.settling >= each.episode.home_task.max_steps:
-            return False
+    def _is_over(self, world: VectorSimulator, lane: int, each: Running) -> bool:
+        """Return whether an episode is over; after the settling time a skill that the planner then names begins."""
+        if each.recorder.diverged or each.settling < self._options.settle_steps:
+            return each.recorder.diverged
+        if each.step + each.settling >= each.episode.home_task.max_steps:
+            return True
         if (again := each.planner.next(each.facts(world, lane))) is None:
-            return False
+            return True
         each.current, each.step, each.settling = again, each.step + each.settling, 0
         self._begin_skills(world, [lane], {lane: each})
-        return True
+        return False
 
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
@@ -291,10 +291,8 @@ class Executor:
         stood = each.stood.setdefault((step.toward or step.skill, step.target), [])
         if step.toward is None:
             stood.append(world.sense(np.array([lane])).base[0, :2].copy())
-        elif stood and goal.route is not None:
-            cells = np.flatnonzero(goal.route.values == 0.0)
-            away = np.linalg.norm(goal.route.space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
-            goal = replace(goal, route=goal.route.space.distances(cells[away >= min(APART, away.max())]))
+        elif not step.scripted:  # the oracle plans its own stand
+            goal = keep_apart(goal, stood)
         return goal
 
     def _step(self, world: VectorSimulator, running: Mapping[int, Running]) -> None:

@@ -41,7 +41,8 @@ class SkillProgress(Rows):
     released: BoolArray
     """Whether it has been released after that."""
     lasting: IntArray
-    """Number of consecutive steps, up to now, in which the object rested in its goal region (place)."""
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot stood
+    (navigate)."""
     reached: BoolArray
     """Whether the drawer, door or object has been in its goal region."""
     away: BoolArray
@@ -431,7 +432,8 @@ class Skill(ABC):
         moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
         seen = replace(episode.objects[target], receptacle=row.seen[0], position=row.seen[1])
         believed = replace(episode, objects=(*episode.objects[:target], seen, *episode.objects[target + 1 :]))
-        goal = replace(self.skill_goal(believed, target, row.opened, toward), target=0)
+        goal = starts.keep_apart(self.skill_goal(believed, target, row.opened, toward), row.stood)
+        goal = replace(goal, target=0)
         return starts.Start(Pose(*row.base), np.array(row.arm), goal, row.opened, held - 1, {} if held else moved)
 
     def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:

@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import split_apartments
@@ -60,6 +61,8 @@ class PlanStart(Record, frozen=True):
     """From 1; navigations count as the skill that they lead to."""
     seen: tuple[str, Vec3]
     """Where the planner takes the target to be: receptacle and position."""
+    stood: tuple[tuple[float, float], ...]
+    """Where earlier attempts stood."""
     base: Vec3
     arm: tuple[float, ...]
     opened: dict[str, float]
@@ -283,6 +286,19 @@ def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple
     return space, np.nonzero(miss <= miss.min() + 1e-9)[0]
 
 
+APART = 0.3
+"""Smallest distance in [m] between where two attempts stand, if the region is large enough (our choice)."""
+
+
+def keep_apart(goal: SkillGoal, stood: Sequence[ArrayLike]) -> SkillGoal:
+    """Return the goal of a navigation to a further attempt: the cells of its region away from where others stood."""
+    if not len(stood) or goal.route is None:
+        return goal
+    space, cells = goal.route.space, np.flatnonzero(goal.route.values == 0.0)
+    away = np.linalg.norm(space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
+    return replace(goal, route=space.distances(cells[away >= min(APART, away.max())]))
+
+
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
 """Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
 
@@ -359,6 +375,8 @@ POOL = 64
 """Episodes in a pool: one for each training apartment."""
 _MADE_BY = ("sim/*.py", "tasks/*.py", "data/*.json", "data/*.xml")
 """Files that determine the episodes."""
+_STARTS_BY = (*_MADE_BY, "agents/*.py", "skills/*.py", "evaluate/*.py", "../policy/shipped/home/*/*/*.safetensors")
+"""Files that determine the recorded start states."""
 
 
 def train_pool(task: str, count: int = POOL) -> EpisodeSet:
@@ -392,7 +410,7 @@ def train_pool(task: str, count: int = POOL) -> EpisodeSet:
 
 def plan_starts_file(task: str) -> Path:
     """Return the file of the recorded start states of a task."""
-    return cache_folder() / f"{task}_starts_{fingerprint()}.json"
+    return cache_folder() / f"{task}_starts_{fingerprint(_STARTS_BY)}.json"
 
 
 def read_plan_starts(task: str, skill: str) -> list[PlanStart]:
@@ -408,12 +426,12 @@ def cache_folder() -> Path:
     return Path(base) / "perdure" / "episodes"
 
 
-@lru_cache(maxsize=1)
-def fingerprint() -> str:
-    """Return a digest (12 digits) of all that determines generated episodes: code and MuJoCo version."""
+@lru_cache(maxsize=2)
+def fingerprint(made_by: tuple[str, ...] = _MADE_BY) -> str:
+    """Return a digest (12 digits) of files, by default of those that determine generated episodes, and of MuJoCo."""
     digest = hashlib.sha256(version("mujoco").encode())
     home = Path(__file__).parents[1]
-    for files in _MADE_BY:
+    for files in made_by:
         for path in sorted(home.glob(files)):
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:12]

@@ -71,9 +71,10 @@ class ClosedLoop(Planner):
         """See `Planner.next`; `reset_arm` follows every skill."""
         if self._last is not None and not self._resets:
             self._resets, (step, action) = True, self._last
-            self._failures[replace(step, attempt=0) if step.toward is None else step] += not succeeded
+            key = step if step.toward else SkillStep(step.skill, step.target, attempt=0)
+            self._failures[key] += not succeeded
             there = [fact[1] for fact in action.adds if fact[0] == "robot_at"]
-            known = succeeded or (step.toward is not None and self._failures[step] == WAYS)
+            known = succeeded or (step.toward is not None and self._failures[step] >= WAYS)
             self._robot_at = next(iter(there), self._robot_at) if known else PlanProblem.robot_at
             return SkillStep("reset_arm", step.target)
         self._resets, self._last = False, None

@@ -217,5 +217,6 @@ def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
     with pytest.raises(EnoughError):
         list(executor.run([load_episodes("tidy_house", "val")[0]], observe))
     assert picks == [(1, False), (2, False), (3, False), (4, True)]
-    apart = np.linalg.norm(np.array(stood)[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
+    stood = np.array(stood[:-1])  # the oracle chooses its own place
+    apart = np.linalg.norm(stood[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
     assert apart.min() > 0.2  # the cells are 0.3 m apart; the robot stops within 0.1 m of one

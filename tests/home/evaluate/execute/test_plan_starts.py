@@ -29,7 +29,7 @@ def recorded(tmp_path_factory):
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(plan_starts, "train_pool", lambda task: POOL)
         patch.setattr(environment, "train_pool", lambda task, count=None: POOL)
-        patch.setattr(plan_starts, "POLICY_SETS", 1)
+        patch.setattr(plan_starts, "RUNS", 1)
         plan_starts.record_plan_starts("set_table")
         yield {skill: by_target(read_plan_starts("set_table", skill)) for skill in USED}
 

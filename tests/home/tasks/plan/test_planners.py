@@ -171,6 +171,22 @@ def test_each_attempt_has_two_failed_navigations_before_it_begins_anywhere():
     ]
 
 
+def test_no_navigation_goes_on_for_ever_when_the_object_falls_in_the_second_one():
+    world, seen = World("tidy_house"), Counter()
+
+    def chance(step):
+        if (step.toward, step.target) != ("place", 0):
+            return True
+        seen[step.attempt] += 1
+        if sum(seen.values()) == 2:
+            world.held, world.objects[0] = NOTHING, FLOOR
+        return False
+
+    run(world, chance=chance)
+    assert world.done
+    assert seen == {1: 3}, "the two that failed, and one after the second pick"
+
+
 def one_failed_navigation_to_pick():
     """After a navigation to the fridge, which succeeds."""
     failed = []
