@@ -419,7 +419,7 @@ def test_where_files_run_is_checked_for_functions_too(name, value):
 
 
 def test_what_a_world_cannot_do_of_the_standard_set_is_said():
-    with pytest.warns(PerdureWarning, match="not applied of standard-1: .*push"):
+    with pytest.warns(PerdureWarning, match="standard-1 is applied without .*push.*: .*Pendulum-v1 cannot do it"):
         result = extrapolate(still, "Pendulum-v1", steps=20, eval_seeds=2, training_horizon=20, disturb="standard-1")
     (left_out,), (found,) = set(result.final()["not_applied"]), estimate_table(result.frame).values()
     assert "friction, mass, push, strength" in left_out

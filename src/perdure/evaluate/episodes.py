@@ -165,7 +165,7 @@ class Extrapolation:
                 rest = ", ".join(one.name for one in each.disturbances if one not in able)
                 each = replace(each, disturbances=able, not_applied=rest)
                 if rest:
-                    words = f"not applied of {each.label}: {rest}, which {spec.name} cannot do"
+                    words = f"{each.label} is applied without {rest}: {spec.name} cannot do it"
                     warnings.warn(words, PerdureWarning, stacklevel=3)
             elif each.disturbances and (error := _refusal(make, each.disturbances)) is not None:
                 raise error

@@ -35,7 +35,7 @@ from perdure.evaluate.table import (
     method_label,
     train_seed,
 )
-from perdure.evaluate.verdict import make_score_scale, published_rate
+from perdure.evaluate.verdict import ScoreScale, make_score_scale, published_rate
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, check_fit, find_policy, load_policy
 from perdure.policy.onnx import OnnxModel, is_onnx, model_digest
@@ -335,13 +335,7 @@ def evaluate_files(
             raise PerdureError(f"{len(lost)} of {len(episodes)} episodes are not in {store.root}")
         groups, labels = list(dict.fromkeys(finished[episode] for episode in wanted)), _labels(files)
         frame = _collect(store, groups, wanted, [labels[episode.policy] for episode in episodes])
-        idle, scales = read_idle(store.get(idle_unit(files[0].task, versions).key)), []
-        for file in files:
-            policy = file.policy
-            if policy.reference is None:
-                policy = load_reference(policy, store.get(file.reference_unit(versions).key))
-            assert policy.reference is not None
-            scales.append(make_score_scale(policy.reference, idle, published_rate(files[0].task)))
+        scales = _scales(store, files, versions)
         not_applied = {each.label: each.not_applied for each in conditions}
         frame = judge_table(frame, [scales[episode.policy] for episode in episodes], not_applied)
         notes = {
@@ -354,6 +348,19 @@ def evaluate_files(
         told = {"command": command, "success": evaluation.success or "", **made_with(), **notes}
         path = write_table(Path(out) / TABLE, frame, told)
         return ExtrapolationResult(frame, path, notes)
+
+
+def _scales(store: Store, files: Sequence[_PolicyFile], versions: Versions) -> list[ScoreScale]:
+    """Return what the rewards of each policy are measured by, from finished units."""
+    task, scales = files[0].task, list[ScoreScale]()
+    idle = read_idle(store.get(idle_unit(task, versions).key))
+    for file in files:
+        policy = file.policy
+        if policy.reference is None:
+            policy = load_reference(policy, store.get(file.reference_unit(versions).key))
+        assert policy.reference is not None
+        scales.append(make_score_scale(policy.reference, idle, published_rate(task)))
+    return scales
 
 
 def _labels(files: Sequence[_PolicyFile]) -> list[str]:
