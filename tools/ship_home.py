@@ -1,12 +1,11 @@
 """Score trained home policies, and ship those that are good enough.
 
-python tools/ship_home.py RUNS [seed ...]
-python tools/ship_home.py again [task/policy/seed ...]
+python tools/ship_home.py RUNS
 
-RUNS is the `--out` of `perdure home train`. Every policy there runs from 400 val starts with clutter. A place policy
-also runs in the world `drag`. The scores enter tools/home_skills.json and the table in docs/home/training.md. A policy
-that succeeds often enough goes to src/perdure/policy/shipped/home, without its critic (acting does not need it) and
-with weights of 16 bits, as it is scored. `again` scores shipped policies anew, after a change of the world.
+RUNS is the `--out` of `perdure home train`. Every policy there runs from 400 val starts with clutter. The scores enter
+tools/home_skills.json and the table in docs/home/training.md. A policy that succeeds often enough goes to
+src/perdure/policy/shipped/home, without its critic (acting does not need it) and with weights of 16 bits, as it is
+scored; other seeds of the same name, of an earlier training, go.
 """
 
 from __future__ import annotations
@@ -20,12 +19,15 @@ from typing import Any
 
 from marks import put
 
-from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, read_release, shipped_seeds
-from perdure.home.skills import learned_skills
+from perdure.envs.suites import parse_options
+from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, TIMED, read_release, shipped_seeds
+from perdure.home.skills import get_skill, learned_skills
+from perdure.home.skills.environment import targets_of
+from perdure.home.skills.place import variant_name
 from perdure.home.skills.train import evaluate_skill
 from perdure.home.tasks.tasks import TASKS
 from perdure.policy import Policy, load_policy, save_policy
-from perdure.runs import write_atomic
+from perdure.runs import file_digest, write_atomic
 
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
@@ -36,94 +38,74 @@ how it lets go is what release strategies are compared by."""
 EPISODES = 400
 
 
-def runs(folder: Path) -> list[tuple[str, str, int, Path]]:
-    """(task, name of the policy, seed, folder) of every finished run of a policy that is shipped."""
-    found = []
+def runs(folder: Path) -> dict[str, Path]:
+    """Finished runs by the name they ship under, such as "set_table/place-gentle/seed-0".
+
+    Whatever was trained otherwise than a recipe or a variant says ends the program.
+    """
+    found: dict[str, Path] = {}
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
-        named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
-        if named is None or path.parent.name not in learned_skills() or "release_cost" in named[1]:
-            continue
-        options = dict(pair.split("=", 1) for pair in named[1].split(","))
-        name = path.parent.name
-        if "delta" in options:
-            within = f"-in-{options['limited_to']}" if "limited_to" in options else ""
-            name = read_release(f"delta-{options['delta']}{within}").policy
-        found.append((options["task"], name, int(path.name.removeprefix("seed-")), path))
+        named, skill = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name), path.parent.name
+        options = parse_options(named[1]) if named else {}
+        task, skill, method = options.pop("task", ""), *skill.partition("-")[::2]
+        usual = get_skill(skill).recipe_on(task).env_options if skill in learned_skills() else {"skill": ""}
+        own = {name: value for name, value in options.items() if usual.get(name) != value}
+        variant = method or (variant_name(own) if own else "")
+        fits = usual.items() <= options.items() and (not method or (skill == "place" and method in TIMED and not own))
+        if named is None or variant is None or not fits:
+            sys.exit(f"{path} is no run of a recipe or a variant")
+        found[f"{task}/{skill}{variant and '-'}{variant}/{path.name}"] = path
     return found
 
 
 def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
-    """From val starts, with clutter; what places also with Habitat's drag."""
-    options = read_release(name.removeprefix("place-")).options if name.startswith("place-") else {}
-    skill = "place" if name.startswith("place-") else name
+    """From val starts, with clutter."""
+    skill, _, variant = name.partition("-")
+    options = read_release(variant).options if variant else {}
     result = evaluate_skill(policy, skill, EPISODES, task=task, **options)
-    scored = {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
-    if skill == "place":
-        rolling = evaluate_skill(policy, skill, EPISODES, task=task, rolling=0.0, **options)
-        scored["drag"] = {"success": rolling.rate, "failures": dict(rolling.failures.most_common())}
-    return scored
+    return {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
 
 
-def lent(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
-    """How well policies that are learned on one task for all do on the others; `renewed` are (task, skill)."""
+def lent(scores: dict[str, dict[str, Any]]) -> None:
+    """How well policies that are learned on one task for all do on the others."""
     for skill, home in LEARNED_ON.items():
-        for task, seed in product(TASKS, shipped_seeds(home, skill)):
-            name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill).get(seed)
-            if task == home or path is None or path.parent.parent.name == task:
-                continue
-            if name in scores and (home, skill) not in renewed:
-                continue
-            scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
+        others = [name for name, task in TASKS.items() if name != home and targets_of(skill, task)]
+        for task, seed in product(others, shipped_seeds(home, skill)):
+            name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill)[seed]
+            if path.parent.parent.name != task and name not in scores:
+                scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
 
 
-def main(folder: Path, seeds: list[int]) -> None:
-    """Takes over, scores, prints."""
-    scores = json.loads(SCORES.read_text()) if SCORES.exists() else {}
-    renewed = set()
-    for task, skill, seed, path in runs(folder):
-        if seeds and seed not in seeds:
+def main(folder: Path) -> None:
+    """Score, ship, print."""
+    found, scores = runs(folder), json.loads(SCORES.read_text())
+    renewed = {(task, skill) for task, skill, _ in (name.split("/") for name in found)}
+    for name, entry in list(scores.items()):
+        task, skill, _ = name.split("/")
+        if name in found or (entry.get("learned_on", task), skill) not in renewed:
             continue
-        policy = load_policy(path / "policy.safetensors")
-        total = policy.provenance["config"]["total_steps"]
-        policy = policy.without_critic().halved()
+        (SHIPPED / f"{name}.safetensors").unlink(missing_ok=True)
+        del scores[name]
+    for name, path in found.items():
+        digest = file_digest(path / "policy.safetensors")
+        if scores.get(name, {}).get("run") == digest:  # scored before this program was stopped
+            continue
+        task, skill, _ = name.split("/")
+        trained = load_policy(path / "policy.safetensors")
+        policy = trained.without_critic().halved()
         scored = score(policy, task, skill)
+        target = SHIPPED / f"{name}.safetensors"
         ships = skill.startswith("place") or scored["success"] >= WORTH_SHIPPING
-        target = SHIPPED / task / skill / f"seed-{seed}.safetensors"
-        renewed.add((task, skill))
         if ships:
             target.parent.mkdir(parents=True, exist_ok=True)
             save_policy(policy, target)
         else:
             target.unlink(missing_ok=True)
-        scores[f"{task}/{skill}/seed-{seed}"] = {
-            "command": policy.provenance["command"],
-            "steps": total,
-            "shipped": ships,
-            **scored,
-        }
+        steps = trained.provenance["config"]["total_steps"]
+        made = {"command": policy.provenance["command"], "steps": steps, "run": digest}
+        scores[name] = {**made, "shipped": ships, **scored}
         _write(scores)
-    finish(scores, renewed)
-
-
-def again(names: list[str]) -> None:
-    """Scores shipped policies anew, such as "set_table/pick/seed-0"; all when none is named."""
-    shipped = {
-        path.relative_to(SHIPPED).with_suffix("").as_posix(): path for path in SHIPPED.glob("*/*/seed-*.safetensors")
-    }
-    if unknown := set(names) - shipped.keys():
-        sys.exit(f"nobody ships {', '.join(sorted(unknown))}; there are {', '.join(sorted(shipped))}")
-    scores, renewed = json.loads(SCORES.read_text()), set()
-    for name in names or sorted(shipped):
-        task, skill, _ = name.split("/")
-        scores[name] |= score(load_policy(shipped[name]), task, skill)
-        renewed.add((task, skill))
-        _write(scores)
-    finish(scores, renewed)
-
-
-def finish(scores: dict[str, dict[str, Any]], renewed: set[tuple[str, str]]) -> None:
-    """Scores what is lent to other tasks, writes the table."""
-    lent(scores, renewed)
+    lent(scores)
     _write(scores)
     text = table(scores)
     write_atomic(PAGE, put(PAGE.read_text(), "scores", text))
@@ -136,11 +118,10 @@ def table(scores: dict[str, dict[str, Any]]) -> str:
     for name, entry in sorted(scores.items(), key=lambda item: (list(TASKS).index(item[0].split("/")[0]), item[0])):
         task, policy, _ = name.split("/")
         rows.setdefault((task, policy), []).append(entry)
-    lines = ["| task | policy | success, seed by seed | with drag |", "|---|---|---|---|"]
+    lines = ["| task | policy | success, seed by seed |", "|---|---|---|"]
     for (task, policy), entries in rows.items():
         rates = ", ".join(f"{entry['success']:.3f}" for entry in entries)
-        drag = ", ".join(f"{entry['drag']['success']:.3f}" for entry in entries if "drag" in entry)
-        lines.append(f"| {task} | {policy} | {rates} | {drag} |")
+        lines.append(f"| {task} | {policy} | {rates} |")
     return "\n".join(lines)
 
 
@@ -149,9 +130,6 @@ def _write(scores: dict[str, dict[str, Any]]) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
+    if len(sys.argv) != 2:
         sys.exit(__doc__)
-    if sys.argv[1] == "again":
-        again(sys.argv[2:])
-    else:
-        main(Path(sys.argv[1]), [int(each) for each in sys.argv[2:]])
+    main(Path(sys.argv[1]))

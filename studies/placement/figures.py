@@ -1,4 +1,4 @@
-"""Figures of the study beside those of every home page: strategies by world, placements that stay by release speed."""
+"""Figures of the study beside those of every home page: success by rolling resistance, stays by release speed."""
 
 from __future__ import annotations
 
@@ -8,77 +8,66 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
-from perdure.home.evaluate.analysis import GROUP, outcome_shares
-from perdure.home.evaluate.comparison import describe_task, make_views
+from perdure.home.evaluate.analysis import outcome_shares
+from perdure.home.evaluate.comparison import describe, make_views
 from perdure.home.evaluate.figures import outcome_figure, shape_figure, stage_figure
+from perdure.home.sim.scene import LEVERS
 from perdure.report import wording
-from perdure.report.charts import Axis, Curve, Figure, Points, curve_chart, point_chart, slug, style
+from perdure.report.charts import Axis, Curve, Figure, curve_chart, slug, style
 from perdure.stats import clopper_pearson
-from studies.placement.grid import WORLDS
+from studies.placement.grid import TASKS
 from studies.placement.tables import INTERVALS, MIN_PLACEMENTS, SHAPES, Tables, success_rows
 
-LABELS = {"rl": "policy alone", "stop": "stop, then release", "ik": "stop, lower 5 cm, release"}
-SHOWN = tuple(f"{place} drag" for place in ("rl", "delta-200", "stop", "ik"))
-"""Strategies in the figures of every task."""
+SHOWN = {"eval": ("rl closed", "stop closed", "guarded closed"), "val": ("rl drag", "ik drag")}
+"""Strategies in the figures of every task, by split: the closed loop, and what the thesis compares."""
 
 
 def draw_figures(tables: Tables) -> Iterator[Figure]:
     """Yield every figure for which there are rows: both below, and for each task and split those of the thesis."""
-    yield from strategy_figures(tables)
+    yield from rolling_figures(tables)
     yield from speed_figures(tables["release-speed"])
-    for view in make_views(view_tables(tables)):
-        for figure in filter(None, (stage_figure(view), outcome_figure(view), shape_figure(view))):
-            note = f"Apartments of {view.split}, drag only. {figure.note}"
-            yield replace(figure, name=slug(view.name, figure.name), heading=view.title, note=note)
+    for split, shown in SHOWN.items():
+        names = ("success", "stages", "outcomes", "kinds")
+        here = {name: tables[name].filter(pl.col("strategy").is_in(shown), split=split) for name in names}
+        for view in make_views({**here, "outcomes": outcome_shares(here["outcomes"])}):
+            for figure in filter(None, (stage_figure(view), outcome_figure(view), shape_figure(view))):
+                yield replace(figure, name=slug(view.name, figure.name), heading=view.title)
 
 
-def view_tables(tables: Tables) -> Tables:
-    """Return the tables that figures of home pages are made of, with drag only."""
-    names = ("success", "stages", "outcomes", "kinds")
-    here = {name: tables[name].filter(pl.col("strategy").is_in(SHOWN)) for name in names}
-    return {**here, "outcomes": outcome_shares(here["outcomes"])}
-
-
-def strategy_figures(tables: Tables) -> Iterator[Figure]:
-    """Yield the figure of release strategies: every task on unseen layouts, then SetTable in the other worlds."""
-    rows = [row for row in success_rows(tables, "eval", places=LABELS) if row["world"] in ("drag", *list(WORLDS)[:5])]
-    rows = [row for row in rows if row["world"] == "drag" or row["task"] == "set_table"]
-    places = list(dict.fromkeys((row["task"], row["world"]) for row in rows))
-    places.sort(key=lambda each: each[1] != "drag")
-    if not places:
-        return
-    names = [", ".join(filter(None, (describe_task(task), _world(world)))) for task, world in places]
-    points = []
-    for number, (place, label) in enumerate(LABELS.items()):
+def rolling_figures(tables: Tables) -> Iterator[Figure]:
+    """Yield the figure, if there are rows: success on SetTable in the closed loop by rolling resistance."""
+    rows = [row for row in success_rows(tables) if (row["task"], row["planner"]) == (TASKS[0], "closed")]
+    curves = []
+    for number, place in enumerate(dict.fromkeys(row["place"] for row in rows)):
         mine = [row for row in rows if row["place"] == place]
-        at = [places.index((row["task"], row["world"])) for row in mine]
-        mean, lower, upper = (
-            np.array([row[f"stabilizing {name}"] for row in mine], dtype=np.float64)
-            for name in ("mean", "lower", "upper")
+        if len(mine) == len(LEVERS):
+            mean, lower, upper = (
+                np.array([row[f"stabilizing {name}"] for row in mine]) for name in ("mean", "lower", "upper")
+            )
+            x = np.arange(len(LEVERS), dtype=np.float64)
+            curves.append(Curve(describe(place), x, mean, style(number), lower, upper, marked=True, intervals="bars"))
+    if curves:
+        seeds = wording.sample([row["train_seeds"] for row in rows], "training seed")
+        episodes = wording.sample([row["episodes"] for row in rows], "episode")
+        yield Figure(
+            "rolling",
+            "SetTable: every object stays, by rolling resistance",
+            curve_chart(
+                curves,
+                Axis(
+                    "rolling resistance, lever arm of the weight",
+                    names=tuple(f"{1000 * lever:g} mm" for lever in LEVERS),
+                ),
+                Axis("share of episodes whose objects all stay until the end", percent=True),
+            ),
+            "Closed loop, apartments with an unseen layout. At 0 mm only drag slows a rolling object, as in Habitat; "
+            f"1.2 mm is the default. {seeds}; {episodes}. Bars: 95 % intervals ({rows[0]['method']}).",
         )
-        several = np.array([row["train_seeds"] > 1 for row in mine], dtype=bool)
-        seeds = [tables["seeds"].filter(**{name: row[name] for name in GROUP})["stabilizing"].to_list() for row in mine]
-        lower, upper = (np.where(several, bound, np.nan) for bound in (lower, upper))
-        points.append(Points(label, at, mean, style(number), lower, upper, seeds))
-    trained = wording.sample([row["train_seeds"] for row in rows], "training seed").removesuffix(" each")
-    per_seed = wording.sample([row["episodes"] // row["train_seeds"] for row in rows], "episode")
-    yield Figure(
-        "strategies",
-        "Does the object stay where it was put?",
-        point_chart(names, points, Axis("share of episodes whose objects all stay until the end", percent=True)),
-        "Apartments with a layout never seen in training. Unless named otherwise only drag slows rolling objects. "
-        f"Filled: mean of {trained}. Small open marks: each seed ({per_seed}). "
-        "Bars: 95 % Student t intervals over the training seeds.",
-    )
-
-
-def _world(world: str) -> str:
-    return "" if world == "drag" else WORLDS[world].removeprefix("drag only, ")
 
 
 def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
-    """Yield the figure, if there are enough placements: released in motion, share that stays, its interval."""
-    drawn = counts.filter(pl.col("placements") >= MIN_PLACEMENTS, in_motion=True)
+    """Yield the figure, if there are enough placements without a hand-over: share that stays, its interval."""
+    drawn = counts.filter(pl.col("placements") >= MIN_PLACEMENTS, hand_over=False)
     if drawn.is_empty():
         return
     curves = [_curve(number, group, drawn.filter(objects=group)) for number, group in enumerate(SHAPES)]
@@ -90,8 +79,9 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
             Axis("release speed of the object [m/s]", names=INTERVALS),
             Axis("share of placements that stay", percent=True),
         ),
-        "Placements released in motion (policy alone, or trained to stay), all tasks, apartments with unseen layouts, "
-        f"drag only. Each point: an interval of speed with at least {MIN_PLACEMENTS} placements. "
+        "Placements without a hand-over, closed loop, an unseen layout, drag only. Those of the policy that was "
+        "trained to release at rest are on SetTable only. "
+        f"Each point: an interval of speed with at least {MIN_PLACEMENTS} placements. "
         "Bars: 95 % Clopper-Pearson intervals that count placements as independent, although they share policies. "
         "Policies were varied, not speeds.",
     )

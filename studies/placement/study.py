@@ -13,8 +13,8 @@ from perdure.report.charts import save
 from perdure.runs import Store, Unit
 from studies.files import include_tables
 from studies.placement.figures import draw_figures
-from studies.placement.grid import DRAG, GRIDS, PHASES, Grid, Row, make_grid
-from studies.placement.tables import PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
+from studies.placement.grid import GRIDS, PHASES, Row, make_grid
+from studies.placement.tables import DRAG, PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
 
 QUESTION = "Do placed objects stay, and which release strategy and which world decide it?"
 SCALES = {"smoke": None, "laptop": None, "thesis": Path("results", "placement")}
@@ -28,8 +28,7 @@ def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
     Raises:
         PerdureError: The policies of a row are missing.
     """
-    grid = make_grid(scale, phases)
-    return [unit for row in grid.rows for unit in protocol_units(row.protocol(), row.command)]
+    return [unit for row in make_grid(scale, phases) for unit in protocol_units(row.protocol(), row.command)]
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -61,10 +60,10 @@ def finished_logs(row: Row, store: Path) -> list[Path]:
     return [Store(store).get(key) / LOGS for key in keys]
 
 
-def update_tables(grid: Grid, out: Path) -> Tables:
+def update_tables(grid: Sequence[Row], out: Path) -> Tables:
     """Return the tables with the numbers of finished rows; all others keep theirs."""
     tables, store = read_tables(out / "tables"), out / "runs"
-    logs = {row: finished_logs(row, store) for row in grid.rows}
+    logs = {row: finished_logs(row, store) for row in grid}
     paths = sorted(path for paths in logs.values() for path in paths)
     if not paths:
         return tables
@@ -72,5 +71,5 @@ def update_tables(grid: Grid, out: Path) -> Tables:
     analysis = analyze_logs(records)
     tables = with_logs(tables, analysis, notes.tables["hand_overs"])
     # The speeds are of all these rows together: some of them alone would be another sample.
-    pooled = [bool(logs[row]) for row in grid.rows if (row.split, row.world) == ("eval", DRAG)]
+    pooled = [bool(logs[row]) for row in grid if row.split == "eval" and row.strategy.endswith(f" {DRAG}")]
     return {**tables, "release-speed": release_speeds(analysis.placements)} if pooled and all(pooled) else tables

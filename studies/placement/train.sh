@@ -1,5 +1,6 @@
 #!/bin/sh
-# Train every home policy (11 skills of tasks, three seeds), then score and ship them. Run it again to go on after a stop.
+# Train 11 skills and 5 variants of place, each with three seeds, then score and ship them. Run it again to go on
+# after a stop.
 # usage: studies/placement/train.sh [OUT [CORES]], with perdure's environment active
 set -eu
 out=${1:-runs/home} cores=${2:-2}
@@ -14,7 +15,10 @@ done
 			set_table:open_drawer set_table:open_fridge set_table:close_fridge set_table:navigate set_table:close_drawer; do
 			echo "${each#*:} --task ${each%:*} --seeds $seed"
 		done
+		for variant in "variant gentle" "variant hand" "variant delta-200" "method linear" "method geometric"; do
+			echo "place --task set_table --seeds $seed --$variant"
+		done
 	done
 } | OUT=$out xargs -P "$cores" -L 1 sh -c 'perdure home train "$@" --test-episodes 1 --cores 1 --on here --out "$OUT" \
-	>"$OUT/$1-$3-$5.txt" 2>&1 || { tail -3 "$OUT/$1-$3-$5.txt" >&2; exit 1; }' train
+	>"$OUT/$1-$3-$5${7:+-}${7-}.txt" 2>&1 || { tail -3 "$OUT/$1-$3-$5${7:+-}${7-}.txt" >&2; exit 1; }' train
 python "$(dirname "$0")/../../tools/ship_home.py" "$out"

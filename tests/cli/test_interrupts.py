@@ -19,7 +19,7 @@ HEARS_CTRL_C = ("env", "--default-signal=INT")
 COMMANDS = {
     "train": ("train", "Hopper-v3", "--ppo.total-steps", "1e8", "--seeds", "0", "1", "--cores", "1", "--out", "out"),
     "extrapolate": ("extrapolate", "HalfCheetah-v3/ppo", "--steps", "1000000", "--eval-seeds", "4", "--out", "out"),
-    "home run": ("home", "run", "set_table", "--train-seeds", "3", "--eval-seeds", "10", "--out", "out"),
+    "home run": ("home", "run", "set_table", "--eval-seeds", "30", "--out", "out"),
 }
 
 

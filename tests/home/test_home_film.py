@@ -13,7 +13,7 @@ from perdure.errors import PerdureError
 from perdure.film import GAP
 from perdure.home import film
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.policies import SHIPPED, make_agents
+from perdure.home.evaluate.policies import make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.film import Agent, Frame, film_episode, record
 from perdure.home.pictures import put, render_scene
@@ -196,19 +196,6 @@ def test_wrong_films_are_refused(episode, tmp_path, options, message):
         film_episode(episode, tmp_path / "film.mp4", [agent()], **options)
 
 
-def test_another_training_seed_may_change_the_place_policy_alone(tmp_path):
-    mine = {"place": str(tmp_path / "seed-{seed}.safetensors")}
-    place = SHIPPED / "tidy_house/place/seed-0.safetensors"
-    (tmp_path / "seed-77.safetensors").write_bytes(place.read_bytes())
-    with pytest.raises(PerdureError, match="training seed 77"):
-        Agent(EvaluationProtocol("tidy_house", "rl", policies=mine), 77)
-    alone = EvaluationProtocol("tidy_house", "rl", policies=mine, vary="place")
-    with pytest.raises(PerdureError, match="seed-0"):
-        Agent(alone)
-    (tmp_path / "seed-0.safetensors").write_bytes(place.read_bytes())
-    assert "every skill" in Agent(alone, 77).caption
-
-
 def test_a_live_view_shows_each_agent_in_turn(episode, fast, monkeypatch):
     """A server of mjviser that stops after the second episode; what it was shown are the recorded states."""
     shown, said, agents = [], [], [agent("rl"), agent("stop")]
@@ -244,11 +231,11 @@ def test_a_live_view_shows_each_agent_in_turn(episode, fast, monkeypatch):
 
 
 def test_captions_say_who_acts():
-    assert agent().caption == "rl: the scripted oracle acts in every skill"
+    assert agent().caption == "rl: the scripted oracle"
     mixed = agent("ik", {"pick": "oracle", "place": "oracle"})
     assert "learned: " in mixed.caption
     assert "oracle" in mixed.caption
-    assert agent("stop", {}).caption == "stop: learned policies act in every skill"
+    assert agent("stop", {}).caption == "stop: learned policies"
     assert mixed.title == "stop, lower 5 cm"
     waiting = agent("delta-50", {"place": "oracle"}, planner="closed")
     assert "50 steps, planned again after each skill" in waiting.title

@@ -199,6 +199,16 @@ def test_the_forger_of_these_tests_can_make_a_file_that_loads(saved):
     assert load_policy(path).provenance["seed"] == 7
 
 
+def test_a_file_of_version_1_is_read_which_knew_neither_scale_nor_reference(saved):
+    def older(description):
+        description.update(version=1)
+        assert (description.pop("return_scale"), description.pop("reference")) == (None, None)
+
+    whole, path = saved
+    path.write_bytes(forged(whole, older))
+    assert save_policy(load_policy(path), path).read_bytes() == whole
+
+
 def forged_array(whole, name, change):
     """The file with the numbers of one of its arrays changed and its checksum made to fit."""
     import hashlib

@@ -141,12 +141,6 @@ def test_the_measurement_comes_back_from_the_file_bit_for_bit(tmp_path):
     assert not any("reference" in name for name in loaded.weights)
 
 
-def test_a_file_of_version_1_has_neither():
-    policy = load_policy("home/set_table/place/seed-0")
-    assert policy.return_scale is None
-    assert policy.reference is None
-
-
 def test_without_a_scale_values_are_in_scaled_units_only():
     with pytest.raises(PerdureError, match="scaled_value"):
         random_policy(return_scale=None).value(np.zeros((1, 11)), np.zeros(1), np.full(1, 1000.0))

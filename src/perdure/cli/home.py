@@ -27,13 +27,6 @@ Split = Annotated[
 ]
 Index = Annotated[int, tyro.conf.arg(help="Number of the episode in its split.")]
 EvalSeed = Annotated[int, tyro.conf.arg(help="Draws the robot's start pose.")]
-Vary = Annotated[
-    Literal["all", "place"],
-    tyro.conf.arg(
-        help="Which skills' policies change with the training seed: all, or place alone (the others are those of seed "
-        "0)."
-    ),
-]
 Policies = Annotated[
     tuple[str, ...],
     tyro.conf.arg(
@@ -175,13 +168,13 @@ class Shown:
         from perdure.home.evaluate.log import UNTRAINED
         from perdure.home.evaluate.protocol import EvaluationProtocol
         from perdure.home.failures import read_logged
-        from perdure.home.film import AFTERWARDS, Agent
+        from perdure.home.film import Agent
         from perdure.home.tasks.episodes import load_episodes
 
         chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
         if not self.logs:
             scene = SceneOptions(**vars(self.world))
-            options = ExecutorOptions(self.eval_seed, scene=scene, settle_steps=AFTERWARDS, planner=self.planner)
+            options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner)
             first = EvaluationProtocol(self.task, "rl", self.split, episodes=1, policies=chosen, options=options)
             named = [replace(first, place=each) for each in self.place or ("rl",)]
             return episode, [Agent(each, self.train_seed) for each in named]
@@ -248,9 +241,7 @@ def view(shown: ShownFlags, port: int = 8080, speed: float = 1.0) -> None:
 def train(
     skill: tyro.conf.Positional[str],
     task: str = "set_table",
-    delta: int = 1,
-    limited_to: int | None = None,
-    release_cost: float = 0.0,
+    variant: str | None = None,
     method: str = "ppo",
     seeds: tuple[int, ...] = (0,),
     steps: int | None = None,
@@ -264,9 +255,7 @@ def train(
     Args:
         skill: pick, place, open_drawer, close_drawer, open_fridge, close_fridge or navigate.
         task: The task whose objects and receptacles it is trained on.
-        delta: For place: number of steps the object must stay.
-        limited_to: For place: step limit; 200 by default, 200 + delta with --delta.
-        release_cost: For place: what a release in motion inside the goal costs, as reward per m/s of the hand.
+        variant: For place: gentle, hand or delta-N, see `perdure home run --help`.
         method: ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`.
         seeds: Training seeds, such as 0 1 2, trained side by side.
         steps: Environment steps; the recipe's by default.
@@ -274,14 +263,14 @@ def train(
         out: Folder of the runs.
     """
     from perdure.home.evaluate.plan_starts import record_plan_starts
+    from perdure.home.skills.place import variant_options
     from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
     from perdure.policy import load_policy
     from perdure.runs.progress import show_progress
 
     if test_episodes < 1:
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
-    given = {"delta": (delta, 1), "limited_to": (limited_to, None), "release_cost": (release_cost, 0.0)}
-    options: dict[str, Any] = {name: value for name, (value, usual) in given.items() if value != usual}
+    options = {} if variant is None else variant_options(variant)
     skill_config(skill, task, steps, method=method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as observe:
@@ -299,7 +288,6 @@ def run(
     split: Split = "val",
     episodes: int = 100,
     train_seeds: int = 1,
-    vary: Vary = "all",
     eval_seeds: int = 1,
     policies: Policies = (),
     planner: PlannerName = "open",
@@ -317,10 +305,11 @@ def run(
     Args:
         place: Release strategy: what happens when the policy commands the hand to open. rl: it opens at once.
             Hand-overs, in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm),
-            guarded (then lowers the object until it touches down). delta-N, delta-N-in-M: a policy trained to make
-            objects stay for N steps, within 200 + N or M.
+            guarded (then lowers the object until it touches down). Policies trained otherwise: delta-N (the object must
+            stay for N steps), gentle (release at rest), hand (Cartesian actions), linear and geometric (time-to-go),
+            linear-N and geometric-N (always N steps to go). gentle is shipped for set_table.
         episodes: Number of episodes of the split, from its first one.
-        train_seeds: Number of training seeds, from seed 0; each has its own policies.
+        train_seeds: Number of training seeds, from seed 0; each has its own policies. Seed 0 is shipped.
         eval_seeds: Number of evaluation seeds; each draws the robot's start poses.
         world: The variant of the physics.
         max_lanes: Episodes that share a process at a time. Results do not depend on it.
@@ -338,7 +327,7 @@ def run(
         raise PerdureError(f"--max-lanes must be 1 or more, not {max_lanes}")
     options = ExecutorOptions(lanes=max_lanes, scene=SceneOptions(**vars(world)), planner=planner)
     chosen = parse_policies(policies)
-    protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, vary, chosen, options)
+    protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, chosen, options)
     with show_progress(f"{task} {place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
     records, notes = read_all(paths)

@@ -250,14 +250,14 @@ class VectorSuite:
 
         registered, _, text = task.partition(",")
         given: dict[str, Any] = {"num_envs": len(checked_seeds(seeds)), "max_episode_steps": None, "threads": threads}
-        options = _options(text)
+        options = parse_options(text)
         for name in given.keys() & options.keys():
             raise PerdureError(f"{task}: {name} is not an option in a task's name; perdure sets it.")
         env = gymnasium.make_vec(registered, **given, **options)
         return VectorEnvWorld(env, seeds, task, self.name, gymnasium.spec(registered).max_episode_steps)
 
 
-def _options(text: str) -> dict[str, Any]:
+def parse_options(text: str) -> dict[str, Any]:
     """Parse options of an environment from `name=value,name=value`; values are Python literals, or else words."""
     options: dict[str, Any] = {}
     for name, equals, value in (part.partition("=") for part in text.split(",") if part):

@@ -37,7 +37,6 @@ NEARBY = 2.0 * AT
 """Moments after a release are spaced by the object's way while it is so near to its goal in [m] ..."""
 PACE = 0.002
 """... and by time, of which a second counts as much as a way of 2 mm: an object that rests uses up few pictures."""
-
 COLUMNS, SIZE = 4, (480, 320)
 """Of one sheet; width and height of a picture in pixels, without the strip below."""
 FAR_HAND = 1.5
@@ -168,8 +167,7 @@ def picture_steps(replay: Replay, found: Label) -> dict[int, str]:
         keys = keys | _hardest(replay.history, placed) if placed and found.cause == "collision" else keys
     else:
         keys, way = _in_run(replay, found), np.arange(float(log.length))
-    steps = _fill(sorted(keys), way)
-    return {step: keys.get(step, "") for step in steps}
+    return {step: keys.get(step, "") for step in _fill(sorted(keys), way)}
 
 
 def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], FloatArray]:

@@ -71,9 +71,9 @@ class Agent:
         learned = [skill for skill, each in self.policies.items() if each.learned]
         words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
         if len(learned) in (0, len(self.policies)):
-            words = f"{'learned policies act' if learned else 'the scripted oracle acts'} in every skill"
+            words = "learned policies" if learned else "the scripted oracle"
         if learned and self.protocol.options.planner == "closed":
-            words += ", in its last attempts the oracle"
+            words += ", after three failures the oracle"
         return f"{self.protocol.name}: {words}"
 
 
@@ -131,7 +131,7 @@ def record(
         facts, stages = now.facts(world, 0), episode.home_task.stages
         while len(reached) < len(stages) and stages[len(reached)].met(facts):
             reached.append(stages[len(reached)].name)
-        words = "the plan has ended" if step is None else skill_words(episode, step)
+        words = "the robot waits" if step is None else skill_words(episode, step)
         begun, seconds = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
         clock, done = f"skill {begun}    {seconds:.1f} s", [(each.name, each.name in reached) for each in stages]
         skill, target = "reset_arm" if step is None else step.skill, world.skill_goal(0).target

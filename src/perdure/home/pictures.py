@@ -117,8 +117,7 @@ class Shot:
         """Return where points (n, 3) are in a picture, from -1 (left, bottom) to 1; nan behind it. Shape (n, 2)."""
         right, up, depth = self.axes @ (points - self.eye).T
         tangents = np.tan(np.radians(0.5 * FOVY)) * np.array([size[0] / size[1], 1.0])
-        seen: FloatArray = np.stack([right, up], axis=1) / tangents / np.where(depth > 0.0, depth, np.nan)[:, None]
-        return seen
+        return np.asarray(np.stack([right, up], axis=1) / tangents / np.where(depth > 0.0, depth, np.nan)[:, None])
 
     @property
     def axes(self) -> FloatArray:
@@ -167,8 +166,7 @@ class Studio(Renderer):
             size: Width and height of the pictures in pixels.
 
         Raises:
-            PerdureError: If the size is not possible.
-            PerdureError: If no picture can be drawn on this machine.
+            PerdureError: If the size is not possible, or no picture can be drawn on this machine.
         """
         if not all(16 <= side <= LARGEST for side in size):
             raise PerdureError(f"a picture must be 16 to {LARGEST} pixels wide and high, not {size[0]} x {size[1]}")
@@ -300,8 +298,7 @@ class Follower:
         """Return how well points are seen, the first one counting most, from each of `DIRECTIONS`. Shape (n,)."""
         eyes = [middle + distance * direction_of(*direction) for direction in DIRECTIONS]
         seen = [sum((2.0 - k) * self.sees(p, eye, exclude) for k, p in enumerate(points)) for eye in eyes]
-        scores: FloatArray = np.array(seen) - 0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION)
-        return scores
+        return np.asarray(np.array(seen) - 0.4 * np.abs(DIRECTIONS[:, 1] - USUAL_ELEVATION))
 
     def fixed(self, states: Sequence[FloatArray], pairs: Sequence[FloatArray], exclude: int) -> list[Shot]:
         """Return a shot for each state (nq,), all from the one direction with the fewest occlusions.

@@ -327,12 +327,7 @@ _segments = lru_cache(maxsize=1)(Segments)
 
 def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
     """Return the mean return of the last RECENT_EPISODES of these rows; nan if there are none."""
-    found: list[NDArray[np.float64]] = []
-    for rows in reversed(episodes):
-        found.insert(0, rows)
-        if sum(map(len, found)) >= RECENT_EPISODES:
-            break
-    last = np.concatenate(found)[-RECENT_EPISODES:, 1]
+    last = np.concatenate(episodes)[-RECENT_EPISODES:, 1]
     return float(last.mean()) if len(last) else math.nan
 
 

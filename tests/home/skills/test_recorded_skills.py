@@ -16,13 +16,15 @@ from hand_made import random_state
 from perdure.errors import PerdureError
 from perdure.home.skills import SKILLS, get_skill, learned_skills, train
 from perdure.home.skills.environment import targets_of
+from perdure.home.skills.place import VARIANTS, variant_options
 from perdure.home.skills.train import skill_config
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.tasks import TASKS
 
 RECORD = Path(__file__).with_name("recorded_skills.json")
 RECORDED = json.loads(RECORD.read_text()) if RECORD.exists() else {}
-VARIANTS = {name: {} for name in SKILLS} | {"place-delta-30": {"delta": 30}}
+RELEASES = {f"place-{name}": variant_options(name) for name in ("delta-30", *VARIANTS)}
+WAYS = {name: {} for name in SKILLS} | RELEASES
 
 
 def digest(values):
@@ -43,7 +45,8 @@ def behavior(skill):
         total, terms = skill.reward(before, after, was, now)
         yield from (skill.observe(after, now), total, *terms, *terms.values())
         yield from (skill.success(after, now), skill.failure(after, now), skill.stop(after, now))
-        yield skill.mask(np.random.default_rng(0).uniform(-1.0, 1.0, (20, 11)), after)
+        actions = np.random.default_rng(0).uniform(-1.0, 1.0, (20, skill.action_size))
+        yield skill.mask(skill.expand_action(actions, after), after)
         was = now
 
 
@@ -74,9 +77,9 @@ def lessons():
     return [(skill, task) for skill in learned_skills() for task in TASKS if targets_of(skill, TASKS[task])]
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_observations_rewards_and_endings_are_as_recorded(variant):
-    assert digest(behavior(get_skill(variant.split("-")[0], **VARIANTS[variant]))) == RECORDED["behavior"][variant]
+@pytest.mark.parametrize("way", WAYS)
+def test_observations_rewards_and_endings_are_as_recorded(way):
+    assert digest(behavior(get_skill(way.split("-")[0], **WAYS[way]))) == RECORDED["behavior"][way]
 
 
 @pytest.mark.parametrize(("skill", "task"), lessons())
@@ -103,7 +106,7 @@ def test_another_reward_start_or_recipe_is_noticed(monkeypatch):
 
 if __name__ == "__main__":
     record = {
-        "behavior": {name: digest(behavior(get_skill(name.split("-")[0], **how))) for name, how in VARIANTS.items()},
+        "behavior": {name: digest(behavior(get_skill(name.split("-")[0], **how))) for name, how in WAYS.items()},
         "starts": {f"{skill} {task}": digest(starts(skill, task)) for skill, task in lessons()},
         "training": {f"{skill} {task}": training(skill, task) for skill, task in lessons()},
     }

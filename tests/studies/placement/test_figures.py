@@ -2,8 +2,8 @@
 
 import polars as pl
 
-from studies.placement.figures import draw_figures, speed_figures, strategy_figures
-from studies.placement.tables import COLUMNS, read_tables, success_rows
+from studies.placement.figures import draw_figures, rolling_figures, speed_figures
+from studies.placement.tables import COLUMNS, PAGE_TABLES, read_tables, success_rows
 
 KEYS = {"task": "set_table", "split": "eval"}
 
@@ -16,8 +16,8 @@ def test_no_rows_no_figure(tmp_path):
     assert list(draw_figures(empty(tmp_path))) == []
 
 
-def test_release_speed_draws_shares_of_enough_placements_released_in_motion():
-    rows = [(0, True, 20, 0.9), (2, True, 40, 0.25), (3, True, 19, 0.1), (4, False, 40, 0.8)]
+def test_release_speed_draws_shares_of_enough_placements_without_a_hand_over():
+    rows = [(0, False, 20, 0.9), (2, False, 40, 0.25), (3, False, 19, 0.1), (4, True, 40, 0.8)]
     values = [(number, moving, "apples", count, share, None) for number, moving, count, share in rows]
     (figure,) = speed_figures(pl.DataFrame(values, schema=COLUMNS["release-speed"], orient="row"))
     chart = figure.spec
@@ -26,33 +26,48 @@ def test_release_speed_draws_shares_of_enough_placements_released_in_motion():
     assert "apples (n = 60)" in str(chart)
 
 
-def test_rows_come_by_task_world_and_strategy(tmp_path):
-    names = ["stop drag", "rl", "rl drag", "delta-50-in-200 drag", "ik drag hull-apple"]
+def success(tmp_path, names, **numbers):
     base = dict.fromkeys(empty(tmp_path)["success"].columns)
-    rows = [{**base, **KEYS, "strategy": name} for name in names]
-    tables = {"success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
-    assert [row["strategy"] for row in success_rows(tables, "eval")] == [
-        *("rl drag", "delta-50-in-200 drag", "stop drag"),
-        *("ik drag hull-apple", "rl"),
+    rows = [{**base, **KEYS, "episodes": 30, "train_seeds": 3, **numbers, "strategy": name} for name in names]
+    return {**empty(tmp_path), "success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
+
+
+def test_rows_come_by_task_strategy_and_rolling_resistance(tmp_path):
+    names = ["stop closed", "rl", "rl drag closed", "gentle drag closed", "rl closed", "made-up"]
+    tables = success(tmp_path, names)
+    assert [(row["place"], row["planner"], row["rolling"]) for row in success_rows(tables)] == [
+        ("rl", "closed", 0.0),
+        ("rl", "open", 0.0012),
+        ("rl", "closed", 0.0012),
+        ("gentle", "closed", 0.0),
+        ("stop", "closed", 0.0012),
     ]
-    assert success_rows(tables, "eval", "drag hull-apple")[0]["place"] == "ik"
     assert success_rows(tables, "val") == []
 
 
-def test_the_figure_of_strategies_has_a_row_for_each_task_and_world(tmp_path):
-    names = ["rl drag", "ik drag", "rl drag hull-apple"]
-    base = dict.fromkeys(empty(tmp_path)["success"].columns)
-    numbers = {
-        "train_seeds": 3,
-        "episodes": 30,
-        "stabilizing mean": 0.5,
-        "stabilizing lower": 0.2,
-        "stabilizing upper": 0.8,
-    }
-    rows = [{**base, **KEYS, **numbers, "strategy": name} for name in names]
-    tables = {**empty(tmp_path), "success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
-    (figure,) = strategy_figures(tables)
-    text = str(figure.spec)
-    assert "'SetTable'" in text
-    assert "'SetTable, apple a convex hull'" in text
-    assert "n = 3 training seeds. Small open marks: each seed (n = 10 episodes each)" in figure.note
+def test_tables_of_the_page_have_a_column_for_each_loop_and_each_rolling_resistance(tmp_path):
+    numbers = {"stabilizing mean": 0.9, "stabilizing lower": 0.8, "stabilizing upper": 1.0, "unaided": 24}
+    tables = success(tmp_path, ["rl", "rl closed", "rl drag closed"], **numbers)
+    said = "90.0 % [80, 100]"
+    assert PAGE_TABLES["tasks"](tables).to_dicts() == [
+        {
+            "task": "SetTable",
+            "release": "`rl`",
+            "open": said,
+            "closed": said,
+            "unaided": "80.0 %",
+        }
+    ]
+    assert PAGE_TABLES["rolling"](tables).to_dicts() == [
+        {"task": "SetTable", "release": "`rl`", "0 mm": f"{said}; 80.0 %", "1.2 mm": f"{said}; 80.0 %"}
+    ]
+
+
+def test_the_figure_of_rolling_has_a_curve_for_each_strategy_with_all_four(tmp_path):
+    worlds = ("drag closed", "rolling-0.1-mm closed", "rolling-0.4-mm closed", "closed")
+    names = [f"rl {world}" for world in worlds] + [f"stop {world}" for world in worlds[1:]]
+    numbers = {"stabilizing mean": 0.5, "stabilizing lower": 0.2, "stabilizing upper": 0.8}
+    (figure,) = rolling_figures(success(tmp_path, names, **numbers))
+    assert "policy alone" in str(figure.spec)
+    assert "stop first" not in str(figure.spec)
+    assert "n = 3 training seeds each; n = 30 episodes each" in figure.note

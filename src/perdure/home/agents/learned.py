@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from perdure.envs.suites import parse_options
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.pieces import Pose
@@ -97,16 +98,24 @@ class Learned(SkillAgent):
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """Raise PerdureError for a policy whose observations or actions are not those of the skill."""
+        trained, _, given = self.policy.task.name.partition(",")
+        if trained.startswith(PREFIX):  # another maker's policy may have any name
+            if trained != env_id(skill.name):
+                raise PerdureError(f"the policy of {trained} was trained for another skill than {skill.name}")
+            options = parse_options(given)
+            for each in fields(skill):
+                theirs, ours = options.get(each.name, each.default), getattr(skill, each.name)
+                if theirs != ours:
+                    raise PerdureError(
+                        f"the policy was trained with {each.name}={theirs}, not {ours}: use another --place"
+                    )
         sizes = self.policy.task.observation_size, self.policy.task.action_size
-        wanted = len(skill.elements), len(skill.active_columns)
+        wanted = len(skill.elements), skill.action_size
         if sizes != wanted:
             raise PerdureError(
                 f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
                 f"{skill.name} has {wanted[0]} and {wanted[1]}"
             )
-        trained = self.policy.task.name.partition(",")[0]  # options follow; another maker's policy may have any name
-        if trained.startswith(PREFIX) and trained != env_id(skill.name):
-            raise PerdureError(f"the policy of {trained} was trained for another skill than {skill.name}")
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
@@ -114,7 +123,7 @@ class Learned(SkillAgent):
         """See `SkillAgent.act`."""
         clock = self.clock or (Countdown(skill.limit) if self.policy.has_clock else None)
         actions = self.policy.act(skill.observe(state, progress), progress.elapsed, clock)
-        return skill.expand_action(np.asarray(actions, dtype=np.float64))
+        return skill.expand_action(np.asarray(actions, dtype=np.float64), state)
 
 
 class Predicting(SkillAgent):
@@ -128,8 +137,8 @@ class Predicting(SkillAgent):
         """Keep the function.
 
         Args:
-            predict: Observations, shape (n, observation size), to actions, shape (n, action size): 10, for navigation
-                2. Values outside -1 to 1 are clipped. n changes from call to call.
+            predict: Observations, shape (n, observation size), to actions, shape (n, action size of the skill).
+                Values outside -1 to 1 are clipped. n changes from call to call.
         """
         self.predict = predict
 
@@ -138,7 +147,7 @@ class Predicting(SkillAgent):
     ) -> FloatArray:
         """See `SkillAgent.act`. PerdureError if the function returns a wrong shape."""
         actions = np.asarray(self.predict(skill.observe(state, progress)), dtype=np.float64)
-        shape = len(lanes), len(skill.active_columns)
+        shape = len(lanes), skill.action_size
         if actions.shape != shape:
             raise PerdureError(f"predict gave actions of shape {actions.shape} for {skill.name}; it must be {shape}")
-        return skill.expand_action(actions)
+        return skill.expand_action(actions, state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -311,16 +312,8 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
 
 def together(first: Motion, second: Motion) -> Motion:
     """Run two motions at once, of base and arm, until both have ended; their actions are added."""
-    running: list[Motion] = [first, second]
-    while running:
-        total = np.zeros(ACTION_SIZE)
-        for motion in tuple(running):
-            try:
-                total += next(motion)
-            except StopIteration:
-                running.remove(motion)
-        if running:
-            yield np.clip(total, -1.0, 1.0)
+    for actions in zip_longest(first, second, fillvalue=np.zeros(ACTION_SIZE)):
+        yield np.clip(sum(actions, np.zeros(ACTION_SIZE)), -1.0, 1.0)
 
 
 DEPTH_COST = 1e4
@@ -401,12 +394,11 @@ def plan_reach(
     None when no standing place lets the arm reach. The gripper goals must all be upright or none; `firm` is an object
     that must not be pushed aside. The quickest `checks` plans are tested for collisions.
     """
-    candidates = _reachable(query, list(stands), gripper_goals)
     best: ReachPlan | None = None
     blocked: dict[Pose, float] = {}
     rest = np.array(REST_ARM)
     tried: Counter[Pose] = Counter()
-    for stand, via, end, steps, back in candidates:
+    for stand, via, end, steps, back in _reachable(query, list(stands), gripper_goals):
         tried[stand] += 1
         if tried[stand] > PER_STAND:
             continue
@@ -475,8 +467,7 @@ def _reachable(
     query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
 ) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
     """Return all standing places and gripper_goals that inverse kinematics can join, the quickest first."""
-    pairs = [(s, w) for s in stands for w in gripper_goals]
-    pairs = [(s, w) for s, w in pairs if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
+    pairs = [(s, w) for s in stands for w in gripper_goals if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
     if not pairs:
         return []
     points = np.array([s.to_local(w.point) for s, w in pairs])
@@ -485,14 +476,11 @@ def _reachable(
     upright, rest = pairs[0][1].upright, np.array(REST_ARM)
     # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
     starts = (REST_ARM, *OTHER_STARTS) if upright else (REST_ARM,)
-    pairs, points, vias, approach = (
-        pairs * len(starts),
-        *(np.tile(x, (len(starts), 1)) for x in (points, vias, approach)),
-    )
+    pairs = pairs * len(starts)
+    points, vias, approach = (np.tile(x, (len(starts), 1)) for x in (points, vias, approach))
     first = np.repeat(np.array(starts), len(points) // len(starts), axis=0)
     end, way, turn = reach_many(points, approach, upright, first)
-    good = (way < CLOSE) & (turn < (0.05 if upright else 0.3))
-    rows = np.nonzero(good)[0]
+    rows = np.nonzero((way < CLOSE) & (turn < (0.05 if upright else 0.3)))[0]
     if not len(rows):
         return []
     via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)

@@ -126,13 +126,10 @@ class HandOver(ABC):
         """Return the next action of a lane's motion; the opening of the hand when it has ended."""
         view = self._views[lane]
         view.state = state
-        if state.holds_target[0]:
-            try:
-                return next(self._motions[lane])
-            except StopIteration:
-                pass
-        else:
+        if not state.holds_target[0]:
             view.outcome = "lost on the way"
+        elif (action := next(self._motions[lane], None)) is not None:
+            return action
         del self._motions[lane]
         self.outcomes.append(view.outcome)
         action = np.zeros(ACTION_SIZE)

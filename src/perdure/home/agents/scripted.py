@@ -264,13 +264,11 @@ def _sides(query: CollisionQuery, link: int, point: FloatArray, origin: FloatArr
     handles = query.simulator.scene.handles
     if handles.sign[link] == 0.0:
         return [handles.slide[link]]
-    q = float(query.simulator.links[link])
-    out = handles.at(q + 0.01)[link] - point
+    out = handles.at(float(query.simulator.links[link]) + 0.01)[link] - point
     radial = point - handles.origin[link]
     toward = np.array([*(origin - point[:2]), 0.0])
     face, edge, robot = (each / np.linalg.norm(each) for each in (out, radial * (1.0, 1.0, 0.0), toward))
-    corner = (face + edge) / np.sqrt(2.0)
-    return [robot, corner, edge, face]
+    return [robot, (face + edge) / np.sqrt(2.0), edge, face]
 
 
 def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
@@ -404,10 +402,8 @@ def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | 
             plan = plan_place(query, aim, stand, places)
         else:
             plan = plan_handle(query, skill_goal.link, stand, places)
-        if plan is not None:
-            plan = replace(plan, base=stand)
         if plan is not None and (best is None or plan.depth < best.depth):
-            best = plan
+            best = replace(plan, base=stand)
         if best is not None and best.free:
             break
     return best
@@ -419,7 +415,7 @@ MOTIONS: dict[str, Callable[[View], Motion]] = {
     "navigate": navigate,
     "open_drawer": lambda view: articulate(view, 0.45, 0.02),
     "close_drawer": lambda view: articulate(view, 0.0, 0.02),
-    "open_fridge": lambda view: articulate(view, 1.55, 0.05),
+    "open_fridge": lambda view: articulate(view, 1.8, 0.05),
     "close_fridge": lambda view: articulate(view, 0.0, 0.05),
 }
 """Motion by skill; the numbers are the goal position of a drawer or door and its tolerance, in [m] or [rad]."""

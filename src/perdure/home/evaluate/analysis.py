@@ -94,7 +94,7 @@ EPISODES: Columns = {
     "success": (bool, "whether the whole task succeeded, latched", lambda log: outcomes.latched(log)[-1]),
     "stabilizing": (bool, "with every placement goal-stabilizing", lambda log: outcomes.stages_stabilizing(log)[-1]),
     "final": (bool, "see `outcomes.final_state`", outcomes.final_state),
-    "scripted": (int, "scripted skills that stood in for a policy", lambda log: sum(run.scripted for run in log.runs)),
+    "scripted": (int, "skills in which the oracle acted", lambda log: sum(run.scripted for run in log.runs)),
     "outcome": (str, "see `outcomes.outcome`", outcomes.outcome),
     "seconds": (float, "duration [s]", lambda log: log.steps / log.control_hz),
     "settle_seconds": (float, "settling time after it [s]", lambda log: (log.length - log.steps) / log.control_hz),
@@ -302,8 +302,7 @@ def outcome_table(episodes: pl.DataFrame) -> pl.DataFrame:
         found = part["outcome"].to_list()
         places = [stage.name for stage in get_task(str(group[0])).stages if stage.placed is not None]
         rows += [(*group, name, found.count(name)) for name in (SUCCESS, DID_NOT_LAST, *places, OTHER)]
-    counted = pl.DataFrame(rows, schema=[*GROUP, "outcome", "count"], orient="row")
-    return outcome_shares(counted)
+    return outcome_shares(pl.DataFrame(rows, schema=[*GROUP, "outcome", "count"], orient="row"))
 
 
 def outcome_shares(counted: pl.DataFrame) -> pl.DataFrame:

@@ -13,7 +13,6 @@ from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from perdure.home.agents.release import STRATEGIES
 from perdure.home.evaluate.analysis import SAME_EPISODE, paired_difference
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.outcomes import (
@@ -28,7 +27,7 @@ from perdure.home.evaluate.outcomes import (
 )
 from perdure.home.sim.objects import short_name
 from perdure.home.tasks.tasks import Stage, get_task
-from perdure.report import charts
+from perdure.report import charts, wording
 from perdure.report.charts import Marker, slug
 from perdure.stats import FEWEST_FOR_INTERVAL
 
@@ -37,7 +36,17 @@ if TYPE_CHECKING:
 
 WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
 LAST = ("counted, did not last", "final state", "of these policies alone", "diverged")
-RELEASES = {"rl": "policy alone", "stop": "stop first", "ik": "stop, lower 5 cm", "guarded": "stop, lower to contact"}
+RELEASES = {
+    "rl": "policy alone",
+    "delta": "trained to stay {} steps",
+    "gentle": "trained to release at rest",
+    "hand": "trained with actions of the hand",
+    "linear": "trained with a linear time-to-go",
+    "geometric": "trained with a geometric time-to-go",
+    "stop": "stop first",
+    "ik": "stop, lower 5 cm",
+    "guarded": "stop, lower to contact",
+}
 WORLDS = {
     "drag": "drag only",
     "hull-apple": "apple a convex hull",
@@ -56,20 +65,23 @@ def describe(strategy: str, with_world: bool = True) -> str:
 
     `with_world` adds what differs from the usual world.
     """
-    place = strategy.partition(" ")[0]
-    words = RELEASES.get(place, "")
-    if trained := re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", place):
-        words = f"trained to stay {trained[1]} steps" + (f" of {trained[2]}" if trained[2] else "")
-    world = describe_world(strategy) if with_world else ""
-    return ", ".join(filter(None, (words, world))) if words else strategy
+    if (read := _read(strategy)) is None:
+        return strategy
+    words = RELEASES[read[0]].format(read[1])
+    clock = wording.clock("constant", read[1]) if read[1] and "{}" not in RELEASES[read[0]] else ""
+    return ", ".join(filter(None, (words, clock, describe_world(strategy) if with_world else "")))
 
 
 def describe_world(strategy: str) -> str:
     """Return options that differ from the usual world: "ik drag" -> "drag only"; "" where unknown."""
-    place, _, world = strategy.partition(" ")
-    if place not in RELEASES and not place.startswith("delta-"):
-        return ""
-    return ", ".join(WORLDS.get(word, word.replace("-", " ")) for word in world.split())
+    words = strategy.split()[1:] if _read(strategy) else []
+    return ", ".join(WORLDS.get(word, word.replace("-", " ")) for word in words)
+
+
+def _read(strategy: str) -> tuple[str, str] | None:
+    """Return a key of `RELEASES` and the number behind it: "delta-50 drag" -> ("delta", "50"); None where unknown."""
+    found = re.fullmatch(r"(\w+)(?:-(\d+))?", strategy.partition(" ")[0], re.ASCII)
+    return (found[1], found[2] or "") if found and found[1] in RELEASES else None
 
 
 def describe_stage(each: Stage, unmet: bool = False) -> str:
@@ -195,16 +207,11 @@ def make_views(tables: Mapping[str, pl.DataFrame]) -> tuple[View, ...]:
 
 
 def ordered(strategies: set[str]) -> list[str]:
-    """Return strategies in order: the policy alone, policies trained to make objects stay, hand-overs, others.
-
-    Strategies in other worlds, such as `ik drag`, come after all in the default world.
-    """
+    """Return strategies in the order of `RELEASES`; those in other worlds, such as `ik drag`, come after all others."""
 
     def place(strategy: str) -> tuple[str, int, int, str]:
-        name, _, world = strategy.partition(" ")
-        if delta := re.match(r"delta-(\d+)", name):
-            return world, 1, int(delta[1]), name
-        return world, 2 * (STRATEGIES.index(name) if name in STRATEGIES else len(STRATEGIES)), 0, name
+        name, number = _read(strategy) or ("", "")
+        return strategy.partition(" ")[2], [*RELEASES, name].index(name), int(number or 0), strategy
 
     return sorted(strategies, key=place)
 
@@ -300,7 +307,7 @@ def success_table(view: View) -> Table:
         f"Mean +- standard error over runs (none for one run) [95 % interval {over}]. Counted, did not last: the "
         "benchmark counts the episode as a success, yet an object left its goal after its place ended. Final state: "
         "all targets in their goals and an empty hand in all of the last five seconds. Policies alone: no scripted "
-        "skill stood in for a policy."
+        "skill acted."
     )
     return Table("Success", headings, rows, note)
 
@@ -413,9 +420,8 @@ def hand_over_table(view: View) -> Table | None:
 
 def policy_table(view: View) -> Table:
     """Return which policy acted in which skill."""
-    table = view.tables["policies"]
     rows = []
-    for skill in dict.fromkeys(table["skill"]) or ["every skill"]:
+    for skill in dict.fromkeys(view.tables["policies"]["skill"]) or ["every skill"]:
         names = [view.rows("policies", strategy, skill=skill)["policy"].to_list() for strategy in view.strategies]
         words = [["scripted oracle" if name == "oracle" else name for name in each] for each in names]
         rows.append((skill, *(", ".join(each) or "not recorded" for each in words)))

@@ -1,12 +1,14 @@
 """Execute episodes, many at once: a planner chooses the skills one by one (`perdure.home.tasks.planners`).
 
 As in TP+SRL a skill ends by its own stop rule or at its step limit. After a place, open or close that timed out the
-hand is opened by force. The episode ends with the plan or at the task's step limit. Then the simulation runs on for a
-settling time in which the robot stands still, so that the log shows which objects stay at their goals.
+hand is opened by force. After the plan, or at the task's step limit, the simulation runs on for a settling time in
+which the robot stands still, so that the log shows which objects stay at their goals. Then the planner is asked once
+more: a closed loop brings back what has rolled away, and settles again.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -25,12 +27,11 @@ from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
 from perdure.home.sim.simulator import ACTION_SIZE, Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
+from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
 from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
-APART = 0.3
-"""Smallest distance in [m] between where two attempts begin, if the region is large enough (our choice)."""
 OVERTIME = 150
 """Steps that a release strategy may take beyond the step limit of place."""
 
@@ -49,7 +50,7 @@ class ExecutorOptions:
     settle_steps: int = SETTLE_STEPS
     """Control steps of the settling time, 1 or more."""
     planner: PlannerName = "open"
-    """"open": the task's plan, whatever happens. "closed": it is planned again after each skill."""
+    """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
 
     def __post_init__(self) -> None:
         """Refuse an unknown planner, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
@@ -159,8 +160,8 @@ class Running:
     """Step at which the current skill began."""
     settling: int = 0
     """Steps of the settling time so far."""
-    stood: dict[tuple[str, int], list[FloatArray]] = field(default_factory=dict)
-    """Where the attempts of each skill and target began, x and y in [m]."""
+    stood: defaultdict[tuple[str, int], list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
+    """Where the attempts of each skill and target began, and where they or a navigation failed, x and y in [m]."""
 
     def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, float]]:
         """Return middles of the targets (targets, 3), what the hand holds, how far drawer and fridge are open."""
@@ -233,11 +234,10 @@ class Executor:
             self._begin_skills(world, sorted(running), running)
             while running:
                 self._step(world, running)
+                over = {lane: each for lane, each in sorted(running.items()) if self._is_over(world, lane, each)}
                 if observe is not None:
                     observe(world, running)
-                for lane, each in sorted(running.items()):
-                    if each.settling < options.settle_steps and not each.recorder.diverged:
-                        continue
+                for lane, each in over.items():
                     yield each.recorder.log(each.step, final_objects(world.simulator(lane)), **self._named)
                     del running[lane]
                     if waiting:
@@ -245,6 +245,17 @@ class Executor:
                         self._begin_skills(world, [lane], running)
         finally:
             world.close()
+
+    def _is_over(self, world: VectorSimulator, lane: int, each: Running) -> bool:
+        """Return whether an episode is over; after the settling time a skill that the planner then names begins."""
+        if each.recorder.diverged or each.settling < self._options.settle_steps:
+            return each.recorder.diverged
+        in_time = each.step + each.settling < each.episode.home_task.max_steps
+        if (again := each.planner.next(each.facts(world, lane)) if in_time else None) is None:
+            return True
+        each.current, each.step, each.settling = again, each.step + each.settling, 0
+        self._begin_skills(world, [lane], {lane: each})
+        return False
 
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
@@ -274,16 +285,14 @@ class Executor:
 
     @staticmethod
     def _skill_goal(world: VectorSimulator, lane: int, each: Running, step: SkillStep) -> SkillGoal:
-        """Return the goal of a step; a navigation to a further attempt ends away from where the earlier ones began."""
+        """Return the goal of a step; a navigation to a further attempt ends away from where the earlier ones stood."""
         episode = each.planner.seen(each.facts(world, lane), step)
         goal = make_skill_goal(episode, step, world.simulator(lane))
-        stood = each.stood.setdefault((step.toward or step.skill, step.target), [])
+        stood = each.stood[step.toward or step.skill, step.target]
         if step.toward is None:
             stood.append(world.sense(np.array([lane])).base[0, :2].copy())
-        elif stood and goal.route is not None:
-            cells = np.flatnonzero(goal.route.values == 0.0)
-            away = np.linalg.norm(goal.route.space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
-            goal = replace(goal, route=goal.route.space.distances(cells[away >= min(APART, away.max())]))
+        elif not step.scripted:  # the oracle plans its own stand
+            goal = keep_apart(goal, stood)
         return goal
 
     def _step(self, world: VectorSimulator, running: Mapping[int, Running]) -> None:
@@ -352,7 +361,11 @@ class Executor:
                     world.simulator(lane).release()
                 step, succeeded = each.current, bool(success[row])
                 assert step is not None
-                what = (step.skill, step.target, step.attempt, step.toward or "", step.scripted)
+                if not succeeded:
+                    each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
+                agent = self._agents[name]
+                scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
+                what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
                 each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
                 each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
                 if each.current is not None:

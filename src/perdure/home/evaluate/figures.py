@@ -41,10 +41,8 @@ def make_figures(view: View) -> list[Figure]:
 
 def success_figure(view: View) -> Figure:
     """Return the success of the whole task: a row for each strategy, a point for each way of counting."""
-    members = []
-    for strategy in view.strategies:
-        seeds = view.rows("seeds", strategy)
-        members.append(seeds["stabilizing"].to_list() if len(seeds) > 1 else [])
+    seeds = [view.rows("seeds", strategy)["stabilizing"].to_list() for strategy in view.strategies]
+    members = [each if len(each) > 1 else [] for each in seeds]
 
     def points(counting: Counting) -> Points:
         rows = [view.success(strategy) for strategy in view.strategies]

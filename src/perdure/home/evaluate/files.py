@@ -135,11 +135,9 @@ def describe_columns(part: type = EpisodeLog, before: str = "") -> list[tuple[st
 
 def to_row(record: Any) -> dict[str, Any]:
     """Return a log, or a part of one, as a row."""
-    cells: dict[str, Any] = {}
     part: Any = type(record)
-    for each in _fields(part):
-        cells.update(each.to_cells(getattr(record, each.name)))
-    return cells
+    found = (each.to_cells(getattr(record, each.name)) for each in _fields(part))
+    return {name: cell for cells in found for name, cell in cells.items()}
 
 
 def from_row(part: type, row: Mapping[str, Any]) -> Any:
@@ -232,10 +230,9 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
 def read_note(notes: Mapping[str, str], name: str, kind: Any) -> dict[str, Any]:
     """Return a note that is a JSON object of some kind; empty where it is missing. PerdureError for anything else."""
     try:
-        found: dict[str, Any] = read_json(notes.get(name, "{}"), kind)
+        return dict(read_json(notes.get(name, "{}"), kind))
     except PerdureError as error:
         raise PerdureError(f"the note {name} of logs must be a JSON object: {error}") from None
-    return found
 
 
 def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:

@@ -80,7 +80,7 @@ class SkillRun:
     target: Annotated[int, Column("number of its target", _TARGET)]
     attempt: Annotated[int, Column("attempt, from 1; of the next skill for navigate", Whole(1, 10_000))]
     toward: Annotated[str, Column("for navigate: the skill that follows; else empty", Text(200))]
-    scripted: Annotated[bool, Column("whether the scripted skill stood in for the policy", _FLAG)]
+    scripted: Annotated[bool, Column("whether the oracle acted, in place of a policy", _FLAG)]
     begin: Annotated[int, Column("control steps of the episode before it", _STEP)]
     end: Annotated[int, Column("control steps of the episode at its end", _STEP)]
     ending: Annotated[Ending, Column('"stopped", "timed out" or "task limit"', Choice(ENDINGS))]

@@ -83,8 +83,6 @@ NEVER = -1
 """In place of a step that never came."""
 _OUTSIDE = 1.0
 """Distance from the goal in [m] in the facts of an object that an event reports outside its goal."""
-
-
 _once = lru_cache(maxsize=4096)
 
 
@@ -100,13 +98,8 @@ def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
     goals = np.array([target.goal for target in log.targets])
     beside = np.zeros((len(steps), *goals.shape))
     beside[..., 0] = np.where(np.array([event.in_goal for event in events]), 0.0, _OUTSIDE)
-    return steps, WorldFacts(
-        goals + beside,
-        goals,
-        np.array([event.held for event in events]),
-        np.array([event.drawer for event in events]),
-        np.array([event.fridge for event in events]),
-    )
+    state = (np.array([getattr(event, name) for event in events]) for name in ("held", "drawer", "fridge"))
+    return steps, WorldFacts(goals + beside, goals, *state)
 
 
 @_once
@@ -204,11 +197,8 @@ def _rank(condition: Predicate) -> tuple[int, int]:
 
 def placement(log: EpisodeLog, target: int, once: bool = False) -> Release | None:
     """Return the placement of a target: its last release while it was `handled`, None if it was never released."""
-    span = handled(log, target, once)
-    if span is None:
-        return None
-    found = [r for r in log.releases if r.target == target and span[0] <= r.step < span[1]]
-    return found[-1] if found else None
+    first, end = handled(log, target, once) or (0, 0)
+    return next((r for r in reversed(log.releases) if r.target == target and first <= r.step < end), None)
 
 
 def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> FailureCause:

@@ -9,14 +9,17 @@ import msgspec
 import numpy as np
 
 from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
-from perdure.home.evaluate.policies import make_agents
+from perdure.home.evaluate.policies import make_agents, shipped_seeds
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.simulator import ARM_FROM, ARM_TO
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.starts import TOUCH, PlanStart, open_links, plan_starts_file, touching, train_pool
+from perdure.home.tasks.planners import needed_skills
+from perdure.home.tasks.tasks import get_task
 from perdure.runs import write_atomic
 
-POLICY_SETS = 3
+RUNS = 3
+"""Of each training episode, with the shipped policy sets in turn."""
 
 
 def record_plan_starts(task: str) -> None:
@@ -25,9 +28,11 @@ def record_plan_starts(task: str) -> None:
         return
     print(f"recording start states of {task} (once, some minutes)", file=sys.stderr, flush=True)
     rows: list[PlanStart] = []
-    for seed in range(POLICY_SETS):
-        protocol = EvaluationProtocol(task, options=ExecutorOptions(eval_seed=seed, planner="closed"))
-        executor = Executor(protocol.skills(), make_agents(protocol.policies_of(seed), "rl"), protocol.options)
+    counts = [len(shipped_seeds(task, skill)) for skill in needed_skills(get_task(task), "closed")]
+    sets = min(filter(None, counts), default=1)
+    for run in range(RUNS):
+        protocol = EvaluationProtocol(task, options=ExecutorOptions(eval_seed=run, planner="closed"))
+        executor = Executor(protocol.skills(), make_agents(protocol.policies_of(run % sets), "rl"), protocol.options)
         for _ in executor.run(train_pool(task).episodes, lambda *now: rows.extend(found_states(*now))):
             pass
     write_atomic(path, msgspec.json.encode(rows))
@@ -41,11 +46,15 @@ def found_states(world: VectorSimulator, running: Mapping[int, Running]) -> list
         if step is None or each.step != each.began or step.skill == "reset_arm" or touching(simulator) > TOUCH:
             continue
         what = step.skill, step.target, step.toward
+        believed = each.planner.seen(each.facts(world, lane), step).objects[step.target]
         if (simulator.held, simulator.held_link) != (step.target if "place" in what else -1, -1):
             continue
         x, y, yaw, *robot = np.round(simulator.robot, 4).tolist()
         opened = {**dict.fromkeys(each.episode.opened, 0.0), **open_links(simulator)}
         a, b, c, w, i, j, k = np.round(simulator.object(step.target)[0], 5).tolist()
         base, arm, pose = (x, y, yaw), tuple(robot[ARM_FROM - 3 : ARM_TO - 3]), ((a, b, c), (w, i, j, k))
-        found.append(PlanStart(each.episode.index, what, base, arm, opened, pose))
+        seen = believed.receptacle, believed.position
+        others = [] if step.scripted else each.stood[step.toward or step.skill, step.target]
+        stood = tuple((float(x), float(y)) for x, y in others)
+        found.append(PlanStart(each.episode.index, what, step.attempt, seen, stood, base, arm, opened, pose))
     return found

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import Learned, Scripted, SkillAgent
 from perdure.home.agents.release import STRATEGIES, make_strategy
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
-from perdure.home.skills import SKILLS, get_skill
+from perdure.home.skills import SKILLS
+from perdure.home.skills.place import VARIANTS, variant_options
 from perdure.home.tasks.planners import PlannerName, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.horizon import Clock, parse_clock
@@ -32,44 +34,49 @@ class ReleaseChoice:
     """How objects are released; made by `read_release`."""
 
     name: str
-    """The text it was read from, such as `ik` or `delta-50-in-200`."""
-    strategy: str
+    """The text it was read from, such as `ik` or `delta-200`."""
+    strategy: str = "rl"
     """The release strategy, a key of `STRATEGIES`."""
-    delta: int = 1
-    """For how many steps a placed object must stay before place stops; 1 is the benchmark's rule."""
-    limited_to: int | None = None
-    """Control steps that place may last; 200 + delta (200 for delta = 1) when None."""
-
-    @property
-    def options(self) -> dict[str, int]:
-        """Options of `Place` and its environment that differ from the benchmark's."""
-        wanted = {"delta": self.delta if self.delta > 1 else None, "limited_to": self.limited_to}
-        return {name: value for name, value in wanted.items() if value is not None}
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of `Place` and its environment that differ from the benchmark's."""
+    trained: str = ""
+    """The variant or method of its place policy, such as "delta-200" or "linear"; "" for the benchmark's."""
+    clock: str = ""
+    """What sets its time-to-go input, such as "@constant:50"; "" counts down from the step limit."""
 
     @property
     def policy(self) -> str:
-        """Name of the policy it needs: `place`, or the skill and the variant, such as `place-delta-50`."""
-        return "place" if self.name in STRATEGIES else f"place-{self.name}"
+        """Name of the place policy it needs, such as `place` or `place-delta-200`."""
+        return f"place-{self.trained}" if self.trained else "place"
+
+    @property
+    def flags(self) -> str:
+        """What `perdure home train place` needs for that policy: "--variant gentle ", or ""."""
+        return f"--{'method' if self.trained in TIMED else 'variant'} {self.trained} " if self.trained else ""
+
+
+TIMED = ("linear", "geometric")
+"""Methods that train place policies with a time-to-go input."""
 
 
 def read_release(text: str) -> ReleaseChoice:
-    """Read `rl`, `stop`, `ik`, `guarded`, `delta-N` or `delta-N-in-M`.
+    """Read a release strategy, or the name of a place policy that was trained otherwise and acts alone.
 
-    delta-N: the policy alone, trained to make objects stay for N steps, with 200 + N steps for it; delta-N-in-M: with M
-    steps (M = 200 is the other reading of the thesis' section 2.1.2).
+    Such policies are the variants of `Place`, and `linear` and `geometric`; `geometric-50`: always 50 steps to go.
 
     Raises:
         PerdureError: If it is none of these.
     """
     if text in STRATEGIES:
         return ReleaseChoice(text, text)
-    found = re.fullmatch(r"delta-(\d+)(?:-in-(\d+))?", text, re.ASCII)
-    if found is None or int(found[1]) < 2:
-        names = f"{', '.join(STRATEGIES)}, delta-N or delta-N-in-M"
-        raise PerdureError(f"place must be one of {names} with N 2 or more and M a number of steps, not {text!r}")
-    wanted = ReleaseChoice(text, "rl", int(found[1]), None if found[2] is None else int(found[2]))
-    get_skill("place", **wanted.options)  # refuses a limit that is too short
-    return wanted
+    if timed := re.fullmatch(rf"({'|'.join(TIMED)})(?:-(\d+))?", text, re.ASCII):
+        return ReleaseChoice(text, trained=timed[1], clock=f"@constant:{timed[2]}" if timed[2] else "")
+    try:
+        return ReleaseChoice(text, options=variant_options(text), trained=text)
+    except PerdureError:
+        names = ", ".join((*STRATEGIES, *VARIANTS, *TIMED))
+        more = "delta-N with N 2 or more, linear-N or geometric-N"
+        raise PerdureError(f"place must be one of {names}, {more}, not {text!r}") from None
 
 
 @dataclass(frozen=True)
@@ -166,16 +173,18 @@ def choose_policies(
     for skill in learned:
         named = chosen.get(skill)
         text, clock = _split(named or "")
-        path: Path | None
+        timed = skill == "place" and release.trained in TIMED and named != ORACLE
+        clock = (release.clock if timed else "") or clock
         if named is None:
             policy = release.policy if skill == "place" else skill
             seeds = shipped_seeds(task, policy)
             path = list(seeds.values())[train_seed] if 0 <= train_seed < len(seeds) else None
             if path is None and ((seeds and train_seed != UNTRAINED) or policy not in ("place", skill)):
+                flags = f"--task {task} {release.flags if skill == 'place' else ''}--seeds {train_seed}"
                 raise PerdureError(
                     f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
-                    f"{len(seeds)}): train one (perdure home train {skill} --task {task} --seeds "
-                    f"{train_seed}) and name it: --policies {skill}=FILE, where {{seed}} stands for the seed"
+                    f"{len(seeds)}): train one (perdure home train {skill} {flags}) and name it: --policies "
+                    f"{skill}=FILE, where {{seed}} stands for the seed"
                 )
         else:
             path = None if named == ORACLE else Path(text.replace("{seed}", str(train_seed)))
@@ -184,8 +193,8 @@ def choose_policies(
         result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(f"{path}{clock}", file_digest(path))
         if path is not None and (clock or not path.is_relative_to(SHIPPED)):
             acting = result[skill].policy  # a file that is no policy is refused before anything runs
-            if result[skill].clock and not (acting and acting.has_clock):
-                raise PerdureError(f"{skill}={named}: the policy has no time-to-go input, so it takes no clock")
+            if (timed or result[skill].clock) and not (acting and acting.has_clock):
+                raise PerdureError(f"{skill}={path}{clock}: the policy has no time-to-go input, so it takes no clock")
     return result
 
 

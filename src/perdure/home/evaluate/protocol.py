@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
@@ -16,7 +16,6 @@ from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.policies import (
-    ORACLE,
     ReleaseChoice,
     SkillPolicy,
     choose_policies,
@@ -36,8 +35,6 @@ BLOCK = 50
 LOGS = "logs.parquet"
 
 Policies = Mapping[SkillName, SkillPolicy]
-Vary = Literal["all", "place"]
-"""Skills whose policy is that of the training seed: all, or place alone (the others use seed 0)."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,6 @@ class EvaluationProtocol:
     episodes: int = 100
     train_seeds: int = 1
     eval_seeds: int = 1
-    vary: Vary = "all"
     policies: Mapping[str, str] = field(default_factory=dict)
     """See `choose_policies`."""
     options: ExecutorOptions = field(default_factory=ExecutorOptions)
@@ -64,8 +60,6 @@ class EvaluationProtocol:
         for name in ("train_seeds", "eval_seeds"):
             if (value := getattr(self, name)) < 1:
                 raise PerdureError(f"{name} must be 1 or more, not {value}")
-        if self.vary not in get_args(Vary):
-            raise PerdureError(f"vary must be one of {', '.join(get_args(Vary))}, not {self.vary!r}")
         _ = self.release
 
     @property
@@ -86,14 +80,7 @@ class EvaluationProtocol:
 
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
-        release, planner = self.release, self.options.planner
-        seed = 0 if self.vary == "place" else train_seed
-        everyone = choose_policies(self.task, seed, self.policies, release, planner)
-        if self.vary == "place" and train_seed > 0:
-            others: dict[str, str] = {skill: ORACLE for skill in everyone if skill != "place"}
-            alone = choose_policies(self.task, train_seed, {**self.policies, **others}, release, planner)
-            everyone["place"] = alone["place"]
-        return everyone
+        return choose_policies(self.task, train_seed, self.policies, self.release, self.options.planner)
 
     def skills(self) -> dict[str, Skill]:
         """Return the skills that the planner may choose."""
@@ -244,8 +231,7 @@ def run_protocol(
         observe: Called with the progress of every unit, measured in episodes.
 
     Raises:
-        PerdureError: If a policy is missing, before anything is run.
-        PerdureError: If a unit failed.
+        PerdureError: If a policy is missing, before anything is run, or a unit failed.
     """
     store, units = Store(out), list(protocol_units(protocol, command))
     store.warn_of_other_source(unit.key for unit in units)

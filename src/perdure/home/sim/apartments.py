@@ -192,10 +192,8 @@ def _unreachable(apartment: Apartment) -> str | None:
     space = free_space(apartment)
     if not space.free.any() or space.areas[0] < SMALLEST_ISLAND or space.areas[1:].sum() > LARGEST_LEFTOVER:
         return "the floor is not one island of sufficient size"
-    for receptacle in apartment.receptacles:
-        if farthest_point(apartment, receptacle, space) > REACH:
-            return f"{receptacle.unique_name} is out of reach"
-    return None
+    far = (each.unique_name for each in apartment.receptacles if farthest_point(apartment, each, space) > REACH)
+    return next((f"{name} is out of reach" for name in far), None)
 
 
 def _stacked(bodies: Sequence[Piece], low: float = CLIMB, high: float = REACH_UP) -> tuple[FloatArray, IntArray]:

@@ -40,8 +40,7 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
         Position in [m], shape (..., 3), and rotation, shape (..., 3, 3), whose columns are the gripper's axes (x is
         where the fingers point). Equal to the model's site `gripper` seen from body `robot`.
     """
-    position, rotation, _, _ = _chain(torso, arm)
-    return position, rotation
+    return _chain(torso, arm)[:2]
 
 
 def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -89,8 +88,6 @@ LARGEST = 0.025
 """Largest joint step of `toward` in [rad]: the benchmark's largest command."""
 CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
 """Errors of `reach` below which a pose counts as reached."""
-
-
 TOWARD_DAMPING, REACH_DAMPING, MANY_DAMPING = 0.01, 1e-3, 0.05
 """d of each solver (our choice, as all that follows)."""
 DAMPING_PER_ERROR = 0.03

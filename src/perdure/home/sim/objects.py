@@ -140,9 +140,8 @@ def add_object(
     body.add_freejoint(name=f"{name}/free")
     body.mass, body.inertia, body.explicitinertial = kind.mass, kind.moments, True
     body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
-    parts = kind.parts
-    if kind.shape == "sphere" and apple == "hull":
-        parts = (Part("mesh", mesh=f"{placement.kind}/hull", rolls=True),)
+    hull = (Part("mesh", mesh=f"{placement.kind}/hull", rolls=True),)
+    parts = hull if kind.shape == "sphere" and apple == "hull" else kind.parts
     bits = ROBOT_BIT | OBJECT_BIT
     group = ONLY_COLLIDES if visuals and kind.shape != "box" else COLLIDES_AND_SEEN
     for number, part in enumerate((*parts, *(kind.visuals if visuals else ()))):
@@ -162,9 +161,7 @@ def add_object(
             geom.contype, geom.conaffinity, geom.group = 0, 0, ONLY_SEEN
             continue
         geom.contype, geom.conaffinity, geom.group = bits, bits, group
-        geom.condim, geom.friction = (
-            (6, (SLIDING, TORSIONAL, ROLLING)) if part.rolls else (3, (SLIDING, TORSIONAL, 0.0))
-        )
+        geom.condim, geom.friction = 6 if part.rolls else 3, (SLIDING, TORSIONAL, ROLLING if part.rolls else 0.0)
 
 
 HULL_CORNERS = 2000
@@ -180,9 +177,8 @@ def _mesh(kind: Kind, name: str) -> dict[str, Any]:
         corners, faces = turned(np.array(kind.shell))
         shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         return {"uservert": corners.ravel(), "userface": faces.ravel(), "inertia": shell}
-    if name in kind.meshes:
-        return {"uservert": np.array(kind.meshes[name]).ravel()}
-    return {"uservert": np.array(_ball_corners(kind.half[0])).ravel()}
+    given = kind.meshes[name] if name in kind.meshes else _ball_corners(kind.half[0])
+    return {"uservert": np.array(given).ravel()}
 
 
 def _ball_corners(radius: float) -> list[Vec3]:

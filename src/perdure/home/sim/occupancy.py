@@ -64,8 +64,7 @@ def overlap(first: FloatArray, second: FloatArray, margin: float = 0.0) -> BoolA
     for yaws, own_first in ((first[:, 4], True), (second[:, 4], False)):
         for quarter in (0.0, np.pi / 2.0):
             axes = np.stack([np.cos(yaws + quarter), np.sin(yaws + quarter)], axis=-1)
-            pairs = axes[:, None, :] if own_first else axes[None, :, :]
-            pairs = np.broadcast_to(pairs, (len(first), len(second), 2))
+            pairs = np.broadcast_to(axes[:, None] if own_first else axes, (len(first), len(second), 2))
             shadow_a = np.einsum("ijk,ick->ijc", pairs, a)
             shadow_b = np.einsum("ijk,jck->ijc", pairs, b)
             gap = np.maximum(shadow_b.min(-1) - shadow_a.max(-1), shadow_a.min(-1) - shadow_b.max(-1))
@@ -77,8 +76,7 @@ def inside(points: FloatArray, polygon: Sequence[tuple[float, float]]) -> BoolAr
     """Return which points lie inside a simple polygon (even-odd rule). Shape (m,)."""
     result = np.zeros(len(points), dtype=bool)
     x, y = points[:, 0], points[:, 1]
-    closed = [*polygon[1:], polygon[0]]
-    for (x0, y0), (x1, y1) in zip(polygon, closed, strict=True):
+    for (x0, y0), (x1, y1) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
         if y0 == y1:
             continue
         crosses = (y0 > y) != (y1 > y)
@@ -109,8 +107,7 @@ def apartment_footprints(
     apartment: Apartment, opened: Mapping[str, float] | None = None, low: float = CLIMB
 ) -> FloatArray:
     """Return footprints of all walls and pieces of an apartment, as `footprints`. Shape (n, 5)."""
-    parts = [footprints(piece, opened, low) for piece in (*apartment.walls, *apartment.pieces)]
-    return np.concatenate(parts)
+    return np.concatenate([footprints(piece, opened, low) for piece in (*apartment.walls, *apartment.pieces)])
 
 
 @lru_cache(maxsize=128)
@@ -238,10 +235,9 @@ class FreeSpace:
         """Return the index in `centers` of the cell at a point, else of the nearest cell of the largest island."""
         left, bottom, numbers = self._main_grid
         row, column = int((y - bottom) // CELL), int((x - left) // CELL)
-        if 0 <= row < numbers.shape[0] and 0 <= column < numbers.shape[1]:
-            found = int(numbers[row, column])
-            if found >= 0:
-                return found
+        on_grid = 0 <= row < numbers.shape[0] and 0 <= column < numbers.shape[1]
+        if on_grid and (found := int(numbers[row, column])) >= 0:
+            return found
         return int(self.nearest(np.array([[x, y]]))[0][0])
 
     def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:

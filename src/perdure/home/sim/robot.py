@@ -1,6 +1,7 @@
 """The Fetch robot: `data/fetch.xml`, and what the package needs of it without a simulator.
 
-The file says where its numbers come from. Joints and actuators have the same names, in the same order.
+The file says where its numbers come from. Joints and actuators have the same order; all but those of the base have the
+same names.
 """
 
 from __future__ import annotations
@@ -35,19 +36,15 @@ def _vector(element: Any, name: str) -> Vec3:
     return x, y, z
 
 
-def _joints() -> list[Joint]:
-    joints = []
-    for body in _FETCH.iter("body"):
-        for joint in body.findall("joint"):
-            low, high = map(float, joint.get("range", "-inf inf").split())
-            joints.append(Joint(joint.attrib["name"], _vector(joint, "axis"), _vector(body, "pos"), low, high))
-    return joints
+def _joint(body: Any, joint: Any) -> Joint:
+    low, high = map(float, joint.get("range", "-inf inf").split())
+    return Joint(joint.attrib["name"], _vector(joint, "axis"), _vector(body, "pos"), low, high)
 
 
-_JOINTS = _joints()
+_JOINTS = [_joint(body, joint) for body in _FETCH.iter("body") for joint in body.findall("joint")]
 TORSO, ARM = _JOINTS[3], _JOINTS[4:11]
 JOINTS = tuple(joint.name for joint in _JOINTS)
-"""All joints and all actuators, in the order of the model: the base (x and y of the room, heading), the torso, the
+"""All joints, in the order of the model and of the actuators: the base (x and y of the room, heading), the torso, the
 seven of the arm from the shoulder to the wrist, the two fingers."""
 ARM_JOINTS = JOINTS[4:11]
 ARM_LOW, ARM_HIGH = tuple(joint.low for joint in ARM), tuple(joint.high for joint in ARM)
@@ -65,7 +62,6 @@ TORSO_HEIGHT = 0.15
 """Where the benchmark keeps the torso in [m] (M3, habitat-lab: `torso_lift_joint` pinned each step)."""
 OPEN = 0.04
 """Position of each finger of M3's open gripper in [m]."""
-
 REST_POSITION = (0.5, 0.0, 1.0)
 """Where the gripper rests in the base frame in [m] (M3 and habitat-lab: resting position)."""
 # M3's initial pose (-.268, -1.133, .367, 1.081, .06, 2.002, .067) brings `gripper_link` there to the millimeter and the

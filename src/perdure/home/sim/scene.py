@@ -162,8 +162,7 @@ class Nearby:
 
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        root = int(model.body("robot").id)
-        robot = np.asarray(model.body_rootid == root)
+        robot = np.asarray(model.body_rootid == model.body("robot").id)
         fixed = ~robot
         fixed[object_bodies] = False
         low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
@@ -178,8 +177,7 @@ class Nearby:
         moves = fixed & (model.body_weldid != 0)
         low[moves] -= SWING
         high[moves] += SWING
-        bits = model.body_contype.copy(), model.body_conaffinity.copy()
-        return Nearby(*bits, low, high, robot, object_bodies)
+        return Nearby(model.body_contype.copy(), model.body_conaffinity.copy(), low, high, robot, object_bodies)
 
     def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
         """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
@@ -246,8 +244,7 @@ class Scene:
     @cached_property
     def object_bodies(self) -> IntArray:
         """The bodies of the objects. Shape (objects,)."""
-        bodies = [self.model.body(f"object_{k}").id for k in range(len(self.placements))]
-        return np.array(bodies, dtype=np.int64)
+        return np.array([self.model.body(f"object_{k}").id for k in range(len(self.placements))], dtype=np.int64)
 
     @cached_property
     def object_geoms(self) -> tuple[IntArray, ...]:
@@ -260,8 +257,7 @@ class Scene:
     @cached_property
     def robot_geoms(self) -> BoolArray:
         """Which geoms belong to the robot. Shape (geoms,)."""
-        root = int(self.model.body("robot").id)
-        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == root)
+        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == self.model.body("robot").id)
 
     @cached_property
     def arm_geoms(self) -> BoolArray:

@@ -34,8 +34,6 @@ GRASP, RELEASE, LEAVE = 1.0, -1.0, 0.0
 """Gripper: above 0 grasps, below 0 releases (M3's signs; the thesis has them the other way round), 0 does nothing."""
 GRASP_RADIUS = 0.15
 """How near a handle or an object's middle must be to the gripper point to be grasped, in [m] (M3, habitat-lab)."""
-
-
 ARM_FROM, ARM_TO = JOINTS.index("shoulder_pan_joint"), JOINTS.index("wrist_roll_joint") + 1
 TORSO = JOINTS.index("torso_lift_joint")
 
@@ -114,8 +112,7 @@ class Simulator:
 
     def drive(self, forward: float, turn: float) -> None:
         """Base speeds for the next control step, in [m/s] and [rad/s]."""
-        heading = self.robot[2] + 0.5 * turn / CONTROL_HZ
-        self.ctrl[0], self.ctrl[1], self.ctrl[2] = forward * np.cos(heading), forward * np.sin(heading), turn
+        self.ctrl[:3] = forward, 0.0, turn
 
     def step(self) -> None:
         """One control step of physics; lets other threads run meanwhile."""
@@ -136,8 +133,7 @@ class Simulator:
     @property
     def middles(self) -> FloatArray:
         """Middles of all objects in the room. Shape (objects, 3)."""
-        middles: FloatArray = self.qpos[self.scene.object_qpos[:, None] + np.arange(3)]
-        return middles
+        return np.asarray(self.qpos[self.scene.object_qpos[:, None] + np.arange(3)])
 
     def forward(self) -> None:
         """Renew what MuJoCo derives from positions, without a step."""

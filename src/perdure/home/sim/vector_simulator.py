@@ -34,8 +34,6 @@ from perdure.home.sim.simulator import (
 
 MAX_IDLE = 512
 """Simulators kept for scenes that were left, about a megabyte each; the last ones that were left stay."""
-
-
 _Start = tuple[Pose, FloatArray, Mapping[str, float], Mapping[int, Placement], int]
 
 
@@ -146,8 +144,7 @@ class VectorSimulator:
         if self._pool is None or len(chosen) == 1:
             self._step_some(chosen)
         else:
-            parts = [chosen[k :: self._threads] for k in range(self._threads)]
-            list(self._pool.map(self._step_some, parts))
+            list(self._pool.map(self._step_some, (chosen[k :: self._threads] for k in range(self._threads))))
         self._read(chosen)
 
     def sense(

@@ -210,37 +210,33 @@ class CloseDrawer(Articulated):
     recipe = Recipe(1_000_000)
 
 
-OPENED = np.pi / 2.0 - 0.15
+class Fridge(Articulated):
+    """M3's start states. An open door hides its handle from a robot in front of it, so its direction is observed."""
 
-
-@dataclass(frozen=True)
-class OpenFridge(Articulated):
-    """M3's success condition and start states (`open_fridge_v0A`). Opening further is paid: a touch closes the door."""
-
-    name = "open_fridge"
-    wanted, accepted = np.pi / 2.0 + 0.3, (OPENED, np.inf)
-    success_text = success_text("the door is at pi/2 - 0.15 rad or beyond")
     start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
     navigation_region = Rectangle((0.9, 1.8), 0.5)
-    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+    recipe = Recipe(2_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.4, 0.9))
+
+    def front(self, state: PrivilegedState) -> FloatArray:
+        """Return the direction in which the door faces; its hinge turns to the right as it opens."""
+        return turn(super().front(state), -state.link_position)
 
 
 @dataclass(frozen=True)
-class CloseFridge(Articulated):
-    """M3's success condition and start states (`close_fridge_v0A`).
+class OpenFridge(Fridge):
+    """M3's `open_fridge_v0A`, but wider open (our choice): a robot that passes a door at M3's pi/2 - 0.15 closes it."""
 
-    An open door hides its handle from a robot in front of the fridge, so the direction of the door is observed.
-    """
+    name = "open_fridge"
+    wanted, accepted = np.pi / 2.0 + 0.3, (np.pi / 2.0 + 0.1, np.inf)
+    success_text = success_text("the door is at pi/2 + 0.1 rad or beyond")
+
+
+@dataclass(frozen=True)
+class CloseFridge(Fridge):
+    """M3's success condition (`close_fridge_v0A`)."""
 
     name = "close_fridge"
     wanted, accepted = 0.0, (-0.15, 0.15)
     success_text = success_text("the door is within 0.15 rad of 0")
     object_at_start = "goal"
-    start_range = (OPENED, 2.356)
-    start_rectangles = OpenFridge.start_rectangles
-    navigation_region = OpenFridge.navigation_region
-    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
-
-    def front(self, state: PrivilegedState) -> FloatArray:
-        """Return the direction in which the door faces; its hinge turns to the right as it opens."""
-        return turn(super().front(state), -state.link_position)
+    start_range = (np.pi / 2.0 - 0.15, 2.356)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -21,21 +21,23 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
 from perdure.home.skills.skill import Skill, SkillProgress
-from perdure.home.skills.starts import Start, begin, read_plan_starts, train_pool
+from perdure.home.skills.starts import PlanStart, Start, begin, read_plan_starts, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
 from perdure.schema import Choice, Flag, Items, Kind, Maybe, Real, Text, Whole
 
 COUNT = Whole(1, 1_000_000)
+RETRY_WEIGHT = 5
+"""How much more often recorded starts of further attempts are drawn: they are rare and hard (our choice)."""
 KINDS: Mapping[str, Kind] = {
     "skill": Text(),
     "task": Choice(tuple(TASKS)),
     "split": Choice(tuple(SPLITS)),
     "targets": Maybe(Items(Whole(0, 100))),
     "delta": COUNT,
-    "limited_to": Maybe(COUNT),
-    "release_cost": Real(0.0, 1000.0),
+    "actions": Choice(("joints", "hand")),
+    "gentle": Flag(),
     "training": Flag(),
     "clutter": Flag(),
     "physics_hz": Whole(SERVO_HZ, 100_000),
@@ -43,7 +45,7 @@ KINDS: Mapping[str, Kind] = {
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
-SKILL_OPTIONS = ("delta", "limited_to", "release_cost")
+SKILL_OPTIONS = ("delta", "actions", "gentle")
 """Options that are fields of a skill."""
 
 
@@ -59,9 +61,9 @@ class SkillEnvOptions:
     """The targets to draw from, uniformly; all that need the skill when None."""
     delta: int = 1
     """See `Place`."""
-    limited_to: int | None = None
+    actions: Literal["joints", "hand"] = "joints"
     """See `Place`."""
-    release_cost: float = 0.0
+    gentle: bool = False
     """See `Place`."""
     training: bool = False
     """Whether each episode draws one of `LEVERS`, and half the start states of `train` are recorded (`PlanStart`)."""
@@ -116,14 +118,6 @@ class SkillEnvOptions:
         own = SKILLS[self.skill].__dataclass_fields__
         return get_skill(self.skill, **{name: getattr(self, name) for name in SKILL_OPTIONS if name in own})
 
-    def check_step_limit(self, max_episode_steps: int | None) -> None:
-        """Raise PerdureError for a limit in which the object cannot stay for `delta` steps."""
-        if max_episode_steps is not None and max_episode_steps < self.delta:
-            raise PerdureError(
-                f"no episode of {max_episode_steps} steps can succeed with delta={self.delta}; "
-                f"also give max_episode_steps={self.make_skill().limit}"
-            )
-
     def load(self) -> tuple[Episode, ...]:
         """Return the episodes to draw from."""
         if self.split == "train":
@@ -133,9 +127,8 @@ class SkillEnvOptions:
 
 def checked_options(options: Mapping[str, Any]) -> SkillEnvOptions:
     """Return options by name; raise PerdureError for unknown names."""
-    known = {each.name: each for each in fields(SkillEnvOptions)}
     for name in sorted(options):
-        lookup(known, name, "option")
+        lookup(SkillEnvOptions.__dataclass_fields__, name, "option")
     return SkillEnvOptions(**options)
 
 
@@ -165,20 +158,24 @@ class EpisodeSampler:
         self._options = options
         self.episodes = options.load()
         self._skill = options.make_skill()
-        recorded = options.training and options.split == "train"
-        self._recorded = read_plan_starts(options.task, options.skill) if recorded else {}
+        rows = read_plan_starts(options.task, options.skill) if options.training and options.split == "train" else []
+        usable = [r for r in rows if r.episode < len(self.episodes) and r.step[1] in options.chosen_targets]
+        self._recorded = [row for row in usable for _ in range(RETRY_WEIGHT if row.attempt > 1 else 1)]
 
     def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
         """Begin an episode in a lane and return it."""
         number = int(rng.integers(len(self.episodes)))
         targets = self._options.chosen_targets
         target = targets[int(rng.integers(len(targets)))]
+        recorded = list[PlanStart]()
+        if self._recorded and rng.random() < 0.5:
+            recorded.append(self._recorded[int(rng.integers(len(self._recorded)))])
+            number, target = recorded[0].episode, recorded[0].step[1]
         episode = self.episodes[number]
-        recorded = self._recorded.get((number, target))
 
         def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
-            if recorded and rng.random() < 0.5:
-                return self._skill.recorded_start(episode, recorded[int(rng.integers(len(recorded)))])
+            if recorded:  # once: in another scene it may touch something
+                return self._skill.recorded_start(episode, recorded.pop())
             return self._skill.draw_start(episode, target, rng)
 
         begin(world, lane, self.scene(number, target), draw, episode, target, rng)
@@ -242,8 +239,12 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             raise PerdureError(
                 f"{env_id(registered_skill)} has the skill {registered_skill}, not {skill}: use {env_id(skill)}"
             )
-        self.options.check_step_limit(max_episode_steps)
         self.skill: Skill = self.options.make_skill()
+        if max_episode_steps is not None and max_episode_steps < self.options.delta:  # the object cannot stay so long
+            raise PerdureError(
+                f"no episode of {max_episode_steps} steps can succeed with delta={self.options.delta}; "
+                f"also give max_episode_steps={self.skill.limit}"
+            )
         self.sampler = episode_sampler(self.options)
         self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
         self.world = VectorSimulator(num_envs, threads)
@@ -290,7 +291,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
             over = np.flatnonzero(self._over).tolist()
             raise PerdureError(f"lanes {over} have ended or never begun: reset them first")
         skill, before, was = self.skill, self._state, self._progress
-        full = skill.expand_action(self._checked(actions))
+        full = skill.expand_action(self._checked(actions), before)
         self.world.step(skill.mask(full, before), None, skill.base_speed, skill.arm_step)
         after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
         now = skill.advance(was, after)
@@ -349,7 +350,7 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
     def _set_spaces(self) -> None:
         low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
         self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.skill.active_columns),), dtype=np.float64)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.skill.action_size,), dtype=np.float64)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 

@@ -33,6 +33,8 @@ COUNTED = 0.05
 DISTANCE_REWARD = 1.0
 FAR = 5.0
 """Clip of the path length in [m]."""
+STUCK_STEPS, STUCK_SPEED = 45, 0.05
+"""A robot that is slower than this, in [m/s] and [rad/s], for so many control steps is stuck."""
 
 
 def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
@@ -95,8 +97,13 @@ class Navigate(Skill):
         return {"stopped elsewhere": state.stopped & ~_arrived(state)}
 
     def stop(self, state: PrivilegedState, progress: SkillProgress) -> BoolArray:
-        """Stop wherever the robot has stopped."""
-        return state.stopped
+        """Stop wherever the robot has stopped, or is stuck (our choice)."""
+        return np.asarray(state.stopped | (progress.lasting >= STUCK_STEPS))
+
+    def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
+        """See `Skill.remember`; `lasting` counts the steps in which the robot stands."""
+        stands = (np.abs(state.base_velocity) < STUCK_SPEED).all(axis=1)
+        return super().remember(replace(progress, lasting=np.where(stands, progress.lasting + 1, 0)), state)
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Keep arm and gripper still, and stop on arrival if the action's stop column is 0."""

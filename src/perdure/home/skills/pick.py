@@ -81,12 +81,7 @@ class Pick(Skill):
         "dropped": "the target was held and has left the hand",
         **Skill.failures,
     }
-    recipe = Recipe(2_000_000, log_std_init=0.0, log_std_end=-1.5, log_std_fall=(0.1, 0.9), clutter=True)
-    # SetTable: with the usual noise pick is as good from its own start states but worse in the task plan. With less
-    # noise and half the steps one of three seeds fails.
-    task_recipes: ClassVar = {
-        "set_table": Recipe(4_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.1, 0.8), clutter=True)
-    }
+    recipe = Recipe(4_000_000, log_std_init=0.0, log_std_end=-1.5, log_std_fall=(0.1, 0.9), clutter=True)
     grip_text = "above 0: grasp the nearest object, if that is the target; pick never lets go"
     force_limit = FORCE_LIMIT
     needs_neighbors = True

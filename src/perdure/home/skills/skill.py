@@ -41,7 +41,8 @@ class SkillProgress(Rows):
     released: BoolArray
     """Whether it has been released after that."""
     lasting: IntArray
-    """Number of consecutive steps, up to now, in which the object rested in its goal region (place)."""
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot stood
+    (navigate)."""
     reached: BoolArray
     """Whether the drawer, door or object has been in its goal region."""
     away: BoolArray
@@ -50,12 +51,6 @@ class SkillProgress(Rows):
     """Counted contact force of the previous step in [N], see `counted_force`."""
     force_sum: FloatArray
     """Sum of its increases in [N]."""
-
-
-def invalid_grasp(state: PrivilegedState) -> BoolArray:
-    """Return whether what is held is too far from the gripper. Shape (n,)."""
-    limit = np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
-    return np.asarray(~state.empty_hand & (state.hold_error > limit))
 
 
 def counted_force(state: PrivilegedState) -> FloatArray:
@@ -301,6 +296,11 @@ class Skill(ABC):
     ends_with_empty_hand: ClassVar[bool] = False
     """Whether the executor opens the hand after a time-out (M3)."""
 
+    def recipe_on(self, task: str) -> Recipe:
+        """Return how a skill that is not scripted is trained on a task."""
+        assert self.recipe is not None
+        return self.task_recipes.get(task, self.recipe)
+
     @property
     def limit(self) -> int:
         """Return the control steps after which the skill is stopped."""
@@ -314,6 +314,11 @@ class Skill(ABC):
     def elements(self) -> tuple[Element, ...]:
         """Return the documentation of every number of an observation, in order."""
         return tuple(element for term in self.observation_terms() for element in term.elements)
+
+    @property
+    def action_size(self) -> int:
+        """Return how many numbers a policy's action has."""
+        return len(self.active_columns)
 
     @property
     def failure_labels(self) -> tuple[str, ...]:
@@ -343,7 +348,8 @@ class Skill(ABC):
 
     def failure_conditions(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """Return for each name of `failures` where it is true. Each of shape (n,)."""
-        return {"invalid grasp": invalid_grasp(state), "excess force": progress.force_sum > self.force_limit}
+        far = state.hold_error > np.where(state.held >= 0, HOLD_LIMIT, HANDLE_LIMIT)
+        return {"invalid grasp": far & ~state.empty_hand, "excess force": progress.force_sum > self.force_limit}
 
     def unmet(self, state: PrivilegedState, progress: SkillProgress) -> Mapping[str, BoolArray]:
         """Return the unmet conditions of success in words, most basic first, where known. Each of shape (n,)."""
@@ -353,8 +359,8 @@ class Skill(ABC):
         """Return the actions without what the skill forbids. Shape (n, 11)."""
         return actions
 
-    def expand_action(self, actions: FloatArray) -> FloatArray:
-        """Return full actions from those of `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
+    def expand_action(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
+        """Return the robot's actions from a policy's: its `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
         full = np.zeros((len(actions), ACTION_SIZE))
         full[:, list(self.active_columns)] = actions
         return full
@@ -374,10 +380,7 @@ class Skill(ABC):
     def skill_goal(
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
     ) -> SkillGoal:
-        """Return the goal of the skill in an episode; `toward` is the name of the next skill, for navigation.
-
-        `opened` are the positions of open drawers and doors by link name.
-        """
+        """Return the goal of the skill in an episode; `opened` as in `aim`, `toward`: the next skill of navigation."""
         aim, apartment = self.aim(episode, target, opened), episode.apartment()
         return SkillGoal(
             target,
@@ -419,7 +422,9 @@ class Skill(ABC):
         """Return a recorded start state in its episode."""
         (_, target, toward), (position, quaternion), held = row.step, row.pose, "place" in row.step
         moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
-        goal = replace(self.skill_goal(episode, target, row.opened, toward), target=0)
+        seen = replace(episode.objects[target], receptacle=row.seen[0], position=row.seen[1])
+        believed = replace(episode, objects=(*episode.objects[:target], seen, *episode.objects[target + 1 :]))
+        goal = replace(starts.keep_apart(self.skill_goal(believed, target, row.opened, toward), row.stood), target=0)
         return starts.Start(Pose(*row.base), np.array(row.arm), goal, row.opened, held - 1, {} if held else moved)
 
     def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:
@@ -456,12 +461,8 @@ class Skill(ABC):
     ) -> tuple[FloatArray, Mapping[str, FloatArray]]:
         """Return the reward of a step and all its terms, shape (n,) each; arguments as of `reward_terms`."""
         terms = dict(self.reward_terms(before, after, was, now))
-        rise = np.maximum(now.force - was.force, 0.0)
-        terms["force"] = -np.minimum(FORCE_COST * rise, FORCE_CAP)
+        terms["force"] = -np.minimum(FORCE_COST * np.maximum(now.force - was.force, 0.0), FORCE_CAP)
         terms["slack"] = np.full(len(now), -self.slack)
         terms["failure"] = np.where(self.failure(after, now) > 0, -PENALTY, 0.0)
         terms["success"] = np.where(self.success(after, now), SUCCESS_REWARD, 0.0)
-        total = np.zeros(len(now))
-        for value in terms.values():
-            total = total + value
-        return total, terms
+        return sum(terms.values(), np.zeros(len(now))), terms

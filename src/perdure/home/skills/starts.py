@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import split_apartments
@@ -56,6 +57,12 @@ class PlanStart(Record, frozen=True):
     """Number in the pool of training episodes."""
     step: tuple[str, int, str | None]
     """Skill, target and, for navigate, the next skill."""
+    attempt: int
+    """From 1; navigations count as the skill that they lead to."""
+    seen: tuple[str, Vec3]
+    """Where the planner takes the target to be: receptacle and position."""
+    stood: tuple[tuple[float, float], ...]
+    """Where earlier attempts stood."""
     base: Vec3
     arm: tuple[float, ...]
     opened: dict[str, float]
@@ -279,6 +286,19 @@ def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple
     return space, np.nonzero(miss <= miss.min() + 1e-9)[0]
 
 
+APART = 0.3
+"""Smallest distance in [m] between where two attempts stand, if the region is large enough (our choice)."""
+
+
+def keep_apart(goal: SkillGoal, stood: Sequence[ArrayLike]) -> SkillGoal:
+    """Return the goal of a navigation to a further attempt: the cells of its region away from where others stood."""
+    if not len(stood) or goal.route is None:
+        return goal
+    space, cells = goal.route.space, np.flatnonzero(goal.route.values == 0.0)
+    away = np.linalg.norm(space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
+    return replace(goal, route=space.distances(cells[away >= min(APART, away.max())]))
+
+
 DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
 """Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
 
@@ -355,6 +375,8 @@ POOL = 64
 """Episodes in a pool: one for each training apartment."""
 _MADE_BY = ("sim/*.py", "tasks/*.py", "data/*.json", "data/*.xml")
 """Files that determine the episodes."""
+_STARTS_BY = (*_MADE_BY, "agents/*.py", "skills/*.py", "evaluate/*.py", "../policy/shipped/home/*/*/*.safetensors")
+"""Files that determine the recorded start states."""
 
 
 def train_pool(task: str, count: int = POOL) -> EpisodeSet:
@@ -388,32 +410,26 @@ def train_pool(task: str, count: int = POOL) -> EpisodeSet:
 
 def plan_starts_file(task: str) -> Path:
     """Return the file of the recorded start states of a task."""
-    return cache_folder() / f"{task}_starts_{fingerprint()}.json"
+    return cache_folder() / f"{task}_starts_{fingerprint(_STARTS_BY)}.json"
 
 
-def read_plan_starts(task: str, skill: str) -> dict[tuple[int, int], list[PlanStart]]:
-    """Return the recorded start states of a skill by episode and target; PerdureError when nothing was recorded."""
+def read_plan_starts(task: str, skill: str) -> list[PlanStart]:
+    """Return the recorded start states of a skill; PerdureError when nothing was recorded."""
     if not (path := plan_starts_file(task)).exists():
         raise PerdureError(f"{path} is missing: `perdure home train` or `record_plan_starts({task!r})` makes it")
-    found: dict[tuple[int, int], list[PlanStart]] = {}
-    for row in read_json(path.read_bytes(), list[PlanStart]):
-        if row.step[0] == skill:
-            found.setdefault((row.episode, row.step[1]), []).append(row)
-    return found
+    return [row for row in read_json(path.read_bytes(), list[PlanStart]) if row.step[0] == skill]
 
 
 def cache_folder() -> Path:
     """Return the folder of the pools: `$XDG_CACHE_HOME/perdure/episodes`; `~/.cache` where the variable is not set."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "perdure" / "episodes"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "perdure" / "episodes"
 
 
-@lru_cache(maxsize=1)
-def fingerprint() -> str:
-    """Return a digest (12 digits) of all that determines generated episodes: code and MuJoCo version."""
+@lru_cache(maxsize=2)
+def fingerprint(made_by: tuple[str, ...] = _MADE_BY) -> str:
+    """Return a digest (12 digits) of files, by default of those that determine generated episodes, and of MuJoCo."""
     digest = hashlib.sha256(version("mujoco").encode())
-    home = Path(__file__).parents[1]
-    for files in _MADE_BY:
-        for path in sorted(home.glob(files)):
+    for files in made_by:
+        for path in sorted(Path(__file__).parents[1].glob(files)):
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:12]

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from perdure.errors import lookup
 from perdure.home.sim.arrays import BoolArray, IntArray
 from perdure.home.skills.environment import HomeSkillVectorEnv, checked_options
-from perdure.home.skills.registry import SKILLS, env_id
-from perdure.home.skills.skill import Recipe
+from perdure.home.skills.place import variant_name
+from perdure.home.skills.registry import env_id, get_skill
 from perdure.horizon import Countdown
 from perdure.learn import PPOConfig, method_config
 from perdure.learn.run import TrainRun, train
@@ -22,8 +21,6 @@ from perdure.policy import Policy
 from perdure.runs import Observer
 
 HIDDEN = (256, 256)
-FLAGS = ("delta", "limited_to", "release_cost")
-"""Environment options that are also flags of `perdure home train`."""
 
 
 def train_skill(
@@ -59,16 +56,9 @@ def train_skill(
     config = skill_config(skill, task, total_steps, method=method, **options)
     command = train_command(skill, task, total_steps, options, method)
     name = skill if method == "ppo" else f"{skill}-{method}"
-    env_options = {**skill_recipe(skill, task).env_options, **options}
+    env_options = {**get_skill(skill).recipe_on(task).env_options, **options}
     run = TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command)
     return train(run, out, cores=cores, on=on, observe=observe)
-
-
-def skill_recipe(skill: str, task: str) -> Recipe:
-    """Return the recipe of a skill on a task; PerdureError for a skill without one."""
-    usual = {name: kind.recipe for name, kind in SKILLS.items() if kind.recipe is not None}
-    recipe = lookup(usual, skill, "skill with a recipe")
-    return SKILLS[skill].task_recipes.get(task, recipe)
 
 
 def skill_config(
@@ -79,8 +69,8 @@ def skill_config(
     The method's horizons scale with the skill's step limit. `ppo` bootstraps the last observation, because the plan
     continues after a time-out. For a policy that observes the time-to-go the horizon is the end.
     """
-    recipe = skill_recipe(skill, task)
     made = checked_options({"skill": skill, "task": task, **options}).make_skill()
+    recipe = made.recipe_on(task)
     config = method_config(method, task, len(made.elements), limit=made.limit)
     settings: dict[str, Any] = {"hidden_sizes": HIDDEN, "learning_rate_decay": "linear", "segment_steps": 100_000}
     settings |= {each.name: getattr(recipe, each.name) for each in fields(PPOConfig) if hasattr(recipe, each.name)}
@@ -98,13 +88,11 @@ def train_command(
     skill: str, task: str, total_steps: int | None, options: Mapping[str, object], method: str = "ppo"
 ) -> str:
     """Return the command that trains `{seed}` again; a Python call for options without a flag."""
-    how = {} if method == "ppo" else {"method": method}
-    if options.keys() <= set(FLAGS):
+    how, variant = {} if method == "ppo" else {"method": method}, variant_name(options)
+    if variant or not options:
         steps = {} if total_steps is None else {"steps": total_steps}
-        flags = {"task": task, **how, "seeds": "{seed}", **options, **steps}
-        return f"perdure home train {skill} " + " ".join(
-            f"--{name.replace('_', '-')} {value}" for name, value in flags.items()
-        )
+        flags = {"task": task, **({"variant": variant} if variant else {}), **how, "seeds": "{seed}", **steps}
+        return f"perdure home train {skill} " + " ".join(f"--{name} {value}" for name, value in flags.items())
     given = "".join(f", {name}={value!r}" for name, value in {"total_steps": total_steps, **how, **options}.items())
     return f"perdure.home.skills.train.train_skill({skill!r}, {task!r}, ({{seed}},), OUT{given})"
 
@@ -147,8 +135,7 @@ def evaluate_skill(
         lanes: Number of lanes.
         options: Options of the environment; by default the published val episodes with their clutter.
     """
-    options = {"split": "val", "clutter": True, **options}
-    env = HomeSkillVectorEnv(lanes, skill=skill, **options)
+    env = HomeSkillVectorEnv(lanes, skill=skill, **{"split": "val", "clutter": True, **options})
     limit = env.skill.limit
     rounds, clock = -(-count // lanes), Countdown(limit) if policy.has_clock else None
     success, steps, failures = [], [], Counter[str]()

@@ -75,12 +75,9 @@ def generate_episode(
     rng = np.random.Generator(np.random.PCG64([seed, list(TASKS).index(task), *apartment, index]))
     for _ in range(_EPISODES):
         drawn = _draw(home_task, home, rng)
-        if isinstance(drawn, str):
-            refused(drawn)
-            continue
-        objects, goals = drawn
-        opened = dict(home_task.opened)
-        return Episode(task, split, index, home.macro, home.micro, home.fingerprint, opened, objects, goals)
+        if not isinstance(drawn, str):
+            return Episode(task, split, index, home.macro, home.micro, home.fingerprint, dict(home_task.opened), *drawn)
+        refused(drawn)
     raise PerdureError(f"no episode {index} of {task} in {home.name}: {_EPISODES} draws were rejected")
 
 

@@ -5,8 +5,9 @@ planned again in the same PDDL domain. It reads four things that a robot would h
 (in their goals, in a container, elsewhere), how far drawer and fridge are open, what the hand holds, and whether the
 last skill succeeded. The simulator tells them without error.
 
-A retry begins at another cell of the region of navigation; the last ones are scripted. Every skill has `ATTEMPTS`
-attempts with a target, so no recovery goes on for ever; then the target is given up and the others are brought.
+A retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted. Every skill
+has `ATTEMPTS` attempts with a target, so no recovery goes on for ever; then the target is given up and the others are
+brought. The end of the plan is not the end: whoever asks again later is told what has rolled away since.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from perdure.home.tasks.tasks import NOTHING, HomeTask, SkillStep, WorldFacts, a
 
 PlannerName = Literal["open", "closed"]
 LEARNED, ATTEMPTS = 3, 5
-"""Attempts of a skill with a target by its policy, and in all; the later ones are scripted (our choice)."""
+"""Failures of a skill with a target after which it is scripted, and attempts in all (our choice)."""
 WAYS = 2
-"""Navigations in a row to the same skill; after them it begins wherever the robot stands (our choice)."""
+"""Failed navigations to an attempt after which it begins wherever the robot stands (our choice)."""
 BESIDE, BELOW = 0.1, 0.1
 """Margins in [m] around a receptacle in which an object still lies in it."""
 MOVED = 0.1
@@ -61,20 +62,22 @@ class ClosedLoop(Planner):
         super().__init__(episode)
         self._problem = replace(plan_problem(episode), name=episode.task)
         self._attempts, self._given_up = Counter[tuple[str, int]](), set[int]()
+        self._failures = Counter[SkillStep]()
+        """Of a skill with a target (attempt 0), and of the navigations to each of its attempts."""
         self._last: tuple[SkillStep, Action] | None = None
-        self._ways, self._robot_at, self._resets = 0, PlanProblem.robot_at, False
+        """The step that `reset_arm` follows next."""
+        self._robot_at = PlanProblem.robot_at
 
     def next(self, facts: WorldFacts, succeeded: bool = True) -> SkillStep | None:
         """See `Planner.next`; `reset_arm` follows every skill."""
-        if self._last is not None and not self._resets:
-            self._resets, (step, action) = True, self._last
-            self._ways = self._ways + 1 if step.skill == "navigate" else 0
+        if self._last is not None:
+            (step, action), self._last = self._last, None
+            key = step if step.toward else SkillStep(step.skill, step.target, attempt=0)
+            self._failures[key] += not succeeded
             there = [fact[1] for fact in action.adds if fact[0] == "robot_at"]
-            self._robot_at = (
-                next(iter(there), self._robot_at) if succeeded or self._ways == WAYS else PlanProblem.robot_at
-            )
+            known = succeeded or (step.toward is not None and self._failures[step] >= WAYS)
+            self._robot_at = next(iter(there), self._robot_at) if known else PlanProblem.robot_at
             return SkillStep("reset_arm", step.target)
-        self._resets = False
         if (chosen := self._choose(facts)) is None:
             return None
         first, acting = chosen
@@ -82,7 +85,8 @@ class ClosedLoop(Planner):
         toward = acting.skill if first is not acting else None
         if toward is None:
             self._attempts[first.skill, first.target] = attempt
-        self._last = SkillStep(first.skill, first.target, toward, attempt, attempt > LEARNED), first
+        scripted = self._failures[SkillStep(acting.skill, acting.target, attempt=0)] >= LEARNED
+        self._last = SkillStep(first.skill, first.target, toward, attempt, scripted), first
         return self._last[0]
 
     def _choose(self, facts: WorldFacts) -> tuple[Action, Action] | None:

@@ -167,14 +167,15 @@ def test_the_policy_is_not_asked_while_the_hand_over_runs(table):
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_at_the_time_out_the_release_strategy_runs(table, name):
+def test_at_the_time_out_the_release_strategy_runs(table, name, monkeypatch):
     """The executor gives a hand-over the time it needs; the policy alone gets none."""
     agent = make_strategy(name, Hasty(at=10**6))
     assert agent.overtime(0) == (name != "rl")
     if name == "rl":
         return
     world = start(table)
-    skill, lanes = Place(limited_to=5), np.array([0])
+    skill, lanes = Place(), np.array([0])
+    monkeypatch.setattr(Place, "step_limit", 5)
     state = world.sense()
     progress = skill.begin(state)
     agent.begin(world, 0, skill)

@@ -8,14 +8,16 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Scripted
 from perdure.home.agents.scripted import Oracle
+from perdure.home.evaluate import execute
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched, stabilizing
 from perdure.home.sim.scene import SceneOptions
-from perdure.home.sim.simulator import ACTION_SIZE, GRIP
+from perdure.home.sim.simulator import ACTION_SIZE, FORWARD, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
+from perdure.home.tasks.planners import Planner
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import TASKS
+from perdure.home.tasks.tasks import TASKS, SkillStep
 from tests.home.limits import shorten
 
 LIMIT, MOST = 40, 450
@@ -130,6 +132,88 @@ def test_skills_without_an_actor_are_refused():
         Executor({"pick": get_skill("pick")}, {}, None)
 
 
+def test_skills_of_the_oracle_count_as_scripted(solved, idle):
+    assert all(each.scripted == (each.skill != "reset_arm") for each in solved.runs)
+    assert not any(each.scripted for each in idle.runs)
+
+
+def planning(monkeypatch, *steps):
+    """Lets the plan be these steps (None: a settling time); returns a list that grows whenever it is asked."""
+    asked = []
+
+    class Listed(Planner):
+        def __init__(self, episode):
+            super().__init__(episode)
+            self._steps = iter(steps)
+
+        def next(self, facts, succeeded=True):
+            asked.append(succeeded)
+            return super().next(facts, succeeded)
+
+    monkeypatch.setitem(execute.PLANNERS, "open", Listed)
+    return asked
+
+
+def test_a_planner_is_asked_again_after_the_settling_time(set_table, monkeypatch):
+    """One that has another skill only then, as when an object rolled away after the plan."""
+    planning(monkeypatch, SkillStep("reset_arm", 0), None, SkillStep("reset_arm", 0), None)
+    log = run(Idle(), [set_table[0]], lanes=1, settle_steps=7)[0]
+    first, second = log.runs
+    assert (first.begin, second.begin - first.end) == (0, 7)
+    assert (log.steps, log.length) == (second.end, second.end + 7)
+    shorten(monkeypatch, LIMIT, first.end + 7)
+    assert len(run(Idle(), [set_table[0]], lanes=1, settle_steps=7)[0].runs) == 1, "the task's limit is over"
+
+
+@pytest.mark.parametrize("diverges", [False, True])
+def test_a_planner_is_not_asked_about_a_world_that_diverged(set_table, monkeypatch, diverges):
+    """In the last step of its settling time. The control is asked once more, and so is the next episode in the lane."""
+    asked, counts = planning(monkeypatch, SkillStep("reset_arm", 0), None), {}
+
+    def observe(world, running):
+        each = running[0]
+        if diverges and (each.episode.index, each.settling) == (0, 6):
+            world.simulator(0).qvel[:] = np.nan
+        counts[each.episode.index] = len(asked)
+
+    agents = {name: Scripted() for name in SKILLS}
+    executor = Executor({name: get_skill(name) for name in SKILLS}, agents, ExecutorOptions(lanes=1, settle_steps=7))
+    first, second = executor.run(set_table.episodes[:2], observe)
+    assert (first.diverged, second.diverged) == (diverges, False)
+    assert (counts[0], counts[1] - counts[0]) == (2 if diverges else 3, 3)
+    assert first.length == second.length - diverges, "what follows a divergence is not recorded"
+
+
+class Forward(Idle):
+    """Drives straight on."""
+
+    def act(self, world, lanes, skill, state, progress):
+        actions = super().act(world, lanes, skill, state, progress)
+        actions[:, FORWARD] = 0.3
+        return actions
+
+
+def test_where_failed_attempts_stood_is_kept_for_the_next_one(set_table, monkeypatch):
+    """A pick after a failed navigation: where that ended and the pick began, and where the pick timed out."""
+    shorten(monkeypatch, 10, 1000)
+    planning(monkeypatch, SkillStep("navigate", 1, "pick"), SkillStep("pick", 1), SkillStep("reset_arm", 1), None)
+    skills, places, kept = {name: get_skill(name) for name in SKILLS}, [], {}
+
+    def observe(world, running):
+        places.append(world.simulator(0).robot[:2].copy())
+        kept.update(running[0].stood)
+
+    agents = {name: Scripted() if name == "reset_arm" else Forward() for name in SKILLS}
+    (log,) = Executor(skills, agents, ExecutorOptions(lanes=1, settle_steps=1)).run([set_table[0]], observe)
+    runs = [(each.skill, each.success) for each in log.runs]
+    assert runs == [("navigate", False), ("pick", False), ("reset_arm", True)]
+    drove, picked, _ = (places[each.end - 1] for each in log.runs)
+    assert np.linalg.norm(picked - drove) > 0.05, "the control: they are two places"
+    assert set(kept) == {("pick", 1), ("reset_arm", 1)}
+    np.testing.assert_allclose(kept["pick", 1], [drove, drove, picked], atol=1e-9)
+    np.testing.assert_allclose(kept["reset_arm", 1], [picked], atol=1e-9)  # it did not fail
+
+
 class Holding(Idle):
     """Keeps the hand closed for ever; `patient` asks for more time, as the release strategies do."""
 
@@ -178,21 +262,20 @@ def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
     """A pick that never grasps is tried three times, from different places, and then by the oracle, which succeeds."""
     skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()
     agents = {name: Scripted() if name == "reset_arm" else oracle for name in SKILLS} | {"pick": Idle()}
-    picks, ends = [], []
+    picks, stood = [], []
 
     def observe(world, running):
-        each = running[0]
-        step = each.current
+        step = running[0].current
         if step.skill == "pick" and (not picks or picks[-1][0] != step.attempt):
             picks.append((step.attempt, step.scripted))
+            stood.append(world.sense().base[0, :2].copy())
         if step.skill == "place":
-            ends.append(each.stood["pick", 0])
             raise EnoughError
 
     executor = Executor(skills, agents, ExecutorOptions(lanes=1, threads=1, planner="closed"))
     with pytest.raises(EnoughError):
         list(executor.run([load_episodes("tidy_house", "val")[0]], observe))
     assert picks == [(1, False), (2, False), (3, False), (4, True)]
-    stood = np.array(ends[0])
+    stood = np.array(stood[:-1])  # the oracle chooses its own place
     apart = np.linalg.norm(stood[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
     assert apart.min() > 0.2  # the cells are 0.3 m apart; the robot stops within 0.1 m of one

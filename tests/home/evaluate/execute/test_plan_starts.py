@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import plan_starts
@@ -28,9 +29,16 @@ def recorded(tmp_path_factory):
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(plan_starts, "train_pool", lambda task: POOL)
         patch.setattr(environment, "train_pool", lambda task, count=None: POOL)
-        patch.setattr(plan_starts, "POLICY_SETS", 1)
+        patch.setattr(plan_starts, "RUNS", 1)
         plan_starts.record_plan_starts("set_table")
-        yield {skill: read_plan_starts("set_table", skill) for skill in USED}
+        yield {skill: by_target(read_plan_starts("set_table", skill)) for skill in USED}
+
+
+def by_target(rows):
+    found = {}
+    for row in rows:
+        found.setdefault((row.episode, row.step[1]), []).append(row)
+    return found
 
 
 def restored(skill, number, row):
@@ -78,6 +86,44 @@ def test_half_the_starts_of_training_are_recorded_ones(recorded):
         share = np.mean([tuple(base) in known for base in env.world.sense().base.tolist()])
         assert low <= share <= high
         env.close()
+
+
+def test_a_recorded_goal_is_where_the_planner_takes_the_object_to_be(recorded):
+    """Not where it was at first: the bowl moves with its drawer; what fell is faced where it lies."""
+    row = next(row for (_, target), rows in recorded["pick"].items() if target == 0 for row in rows)
+    episode = POOL.episodes[row.episode]
+    assert np.linalg.norm(np.subtract(row.seen[1], episode.objects[0].position)) > 0.3
+    fallen = replace(row, seen=(episode.goals[0].receptacle, (1.0, 2.0, 0.03)), pose=((1.0, 2.0, 0.03), row.pose[1]))
+    start = get_skill("pick").recorded_start(episode, fallen)
+    assert start.skill_goal.aim == (1.0, 2.0, 0.03)
+    assert start.moved[0].position == (1.0, 2.0, 0.03)
+
+
+@pytest.mark.parametrize("touches", [False, True])
+def test_further_attempts_are_drawn_more_often(recorded, monkeypatch, touches):
+    """Half of all draws are recorded: five of eight of those from the one retry beside three first attempts."""
+    first, draws = next(iter(recorded["pick"].values()))[0], 2000
+    rows = [*(replace(first, attempt=1, base=(float(k), 0.0, 0.0)) for k in range(3)), replace(first, attempt=2)]
+    monkeypatch.setattr(environment, "read_plan_starts", lambda task, skill: rows)
+    sampler = environment.EpisodeSampler(SkillEnvOptions("pick", "set_table", training=True))
+    sampler._skill = SimpleNamespace(recorded_start=lambda episode, row: row, draw_start=lambda *given: None)
+    drawn = []
+
+    def begin(world, lane, scene, draw, episode, target, rng):
+        """A recorded start that touches something is drawn afresh, in the same episode and for the same target."""
+        drawn.append([draw(episode, target, rng) for _ in range(1 + touches)])
+        assert drawn[-1][0] is None or (episode.index, target) == (first.episode, first.step[1])
+
+    monkeypatch.setattr(environment, "begin", begin)
+    monkeypatch.setattr(environment.EpisodeSampler, "scene", lambda *given: None)
+    world = SimpleNamespace(simulator=lambda lane: SimpleNamespace(set_rolling=lambda lever: None))
+    rng = np.random.default_rng(0)
+    for _ in range(draws):
+        sampler.begin(world, 0, rng)
+    for row, share in [(None, 1 / 2), *((row, 1 / 16) for row in rows[:3]), (rows[3], 5 / 16)]:
+        found = np.mean([each[0] == row for each in drawn])
+        assert abs(found - share) < 4.0 * np.sqrt(share * (1.0 - share) / draws)
+    assert not any(each[1] for each in drawn if touches)
 
 
 def test_without_a_record_training_says_what_makes_it(monkeypatch, tmp_path):

@@ -178,13 +178,13 @@ class TestFigures:
         assert figure(page_of(two_strategies(), tmp_path), "modes-latched") is not None
 
     def test_strategies_come_in_the_order_of_what_they_add(self, tmp_path):
-        names = ["rl drag", "zebra", "guarded", "ik drag", "ik", "delta-50-in-200", "delta-50", "stop", "delta-5", "rl"]
+        names = ["rl drag", "zebra", "guarded", "ik drag", "ik", "gentle", "delta-50", "stop", "delta-5", "rl"]
         page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
         expected = [
             "rl",
             "delta-5",
             "delta-50",
-            "delta-50-in-200",
+            "gentle",
             "stop",
             "ik",
             "guarded",
@@ -202,7 +202,7 @@ class TestWords:
             ("rl", "policy alone"),
             ("ik drag", "stop, lower 5 cm, drag only"),
             ("delta-50", "trained to stay 50 steps"),
-            ("delta-50-in-200 drag 480-hz", "trained to stay 50 steps of 200, drag only, 480 hz"),
+            ("delta-50 drag 480-hz", "trained to stay 50 steps, drag only, 480 hz"),
             ("zebra crossing", "zebra crossing"),
         ],
     )

@@ -14,7 +14,7 @@ from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
 from perdure.home.sim.objects import AppleShape
 from perdure.home.sim.scene import LEVERS, SceneOptions
 
-PLACES = ("rl", "stop", "ik", "guarded", "delta-50", "delta-50-in-200")
+PLACES = ("rl", "stop", "ik", "guarded", "delta-50", "hand", "geometric-50")
 
 
 def name(place, **world):
@@ -35,6 +35,7 @@ def test_the_usual_world_has_no_name():
     assert name("ik", apple="hull", rolling=0.0, physics_hz=240) == "ik drag hull-apple 240-hz"
     assert name("ik", rolling=0.0004) == "ik rolling-0.4-mm"
     assert describe("ik rolling-0.4-mm") == "stop, lower 5 cm, rolling 0.4 mm"
+    assert describe("geometric-50") == "trained with a geometric time-to-go, always 50 steps to go"
 
 
 def test_a_closed_loop_has_a_name_a_folder_and_words_of_its_own():

@@ -1,5 +1,6 @@
 """Which policy acts in which skill: shipped ones, files, or the oracle."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -86,6 +87,22 @@ def test_a_clock_follows_the_file(timed):
     assert timed("").policies_of(0)["place"].clock is None
     units = [next(protocol_units(timed(clock), "")) for clock in ("", "@constant:50", "@constant:60", "@periodic:50")]
     assert len({unit.config["policies"]["place"] for unit in units}) == 4
+
+
+def test_the_clock_of_a_release_is_shown_whatever_follows_the_file(timed):
+    for name, clock, shown in (("geometric-60", "@constant:50", 60.0), ("geometric", "@constant:50", 50.0)):
+        assert replace(timed(clock), place=name).policies_of(0)["place"].clock == Constant(shown)
+    assert replace(timed(""), place="geometric").policies_of(0)["place"].clock is None
+    policies._load.cache_clear()
+    with pytest.raises(PerdureError, match="no time-to-go input"):
+        replace(timed("", has_clock=False), place="geometric").policies_of(0)
+
+
+def test_a_missing_policy_is_told_with_the_command_that_trains_it():
+    for name, flags in (("delta-9999", "--variant delta-9999"), ("linear-7", "--method linear"), ("rl", "")):
+        wanted = f"perdure home train place --task set_table {flags}{flags and ' '}--seeds 9999\\)"
+        with pytest.raises(PerdureError, match=wanted):
+            choose_policies("set_table", 9999, {k: v for k, v in ORACLES.items() if k != "place"}, read_release(name))
 
 
 @pytest.mark.parametrize(

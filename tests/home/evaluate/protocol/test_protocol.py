@@ -160,7 +160,7 @@ def test_processes_side_by_side_write_the_same_logs(policies, tmp_path, monkeypa
 def test_a_protocol_for_another_process_is_the_same_one():
     scene = SceneOptions(apple="hull", rolling=0.0, clutter=False)
     options = ExecutorOptions(eval_seed=3, lanes=2, threads=1, scene=scene)
-    protocol = EvaluationProtocol("tidy_house", "guarded", "eval", 7, 2, 3, "place", {"pick": "oracle"}, options)
+    protocol = EvaluationProtocol("tidy_house", "guarded", "eval", 7, 2, 3, {"pick": "oracle"}, options)
     assert noted_protocol({"protocol": json.dumps(asdict(protocol))}, "it") == protocol
 
 
@@ -169,7 +169,7 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
     protocol = EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
     unit = next(protocol_units(protocol, ""))
-    path.write_bytes((SHIPPED / "set_table/place/seed-1.safetensors").read_bytes())
+    path.write_bytes((SHIPPED / "set_table/pick/seed-0.safetensors").read_bytes())
     _load.cache_clear()  # as in another process
     with pytest.raises(PerdureError, match=r"place\.safetensors has changed"):
         run_block(Work(tmp_path, 1, print), **unit.arguments)
@@ -185,15 +185,12 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
         ({"place": "delta-x"}, "2 or more"),
         ({"place": "delta-"}, "2 or more"),
         ({"place": "delta-\u00b2"}, "2 or more"),
-        ({"place": "delta-5-in-\u0665"}, "number of steps"),
-        ({"place": "delta-5-in-"}, "number of steps"),
-        ({"place": "delta-50-in-49"}, "49 steps cannot last delta = 50"),
-        ({"place": "delta-50 in 200"}, "delta-N-in-M"),
+        ({"place": "delta-50 in 200"}, "2 or more"),
+        ({"place": "gentle-50"}, "linear-N or geometric-N, not 'gentle-50'"),
         ({"episodes": 0}, "episodes"),
         ({"episodes": 101}, "episodes"),
         ({"train_seeds": 0}, "train_seeds"),
         ({"eval_seeds": 0}, "eval_seeds"),
-        ({"vary": "pick"}, "vary"),
     ],
 )
 def test_wrong_protocols_are_refused(wrong, message):
@@ -204,31 +201,16 @@ def test_wrong_protocols_are_refused(wrong, message):
 def test_delta_decides_how_long_place_waits():
     assert EvaluationProtocol("set_table", "delta-50").skills()["place"].limit == 250
     assert EvaluationProtocol("set_table", "rl").skills()["place"].limit == 200
-    assert EvaluationProtocol("set_table", "delta-50-in-200").skills()["place"].limit == 200
-    assert EvaluationProtocol("set_table", "delta-50-in-200").skills()["place"].delta == 50
     assert EvaluationProtocol("set_table", "delta-50").release.strategy == "rl"
-    assert [read_release(name).policy for name in ("rl", "guarded", "delta-50", "delta-50-in-200")] == [
-        *("place", "place", "place-delta-50", "place-delta-50-in-200")
-    ]
 
 
-def test_training_seeds_may_tell_place_alone_apart(tmp_path):
-    shipped = SHIPPED / "set_table"
-    for seed in (0, 1):
-        (tmp_path / f"place-{seed}.safetensors").write_bytes((shipped / "place" / "seed-0.safetensors").read_bytes())
-    mine = {"place": str(tmp_path / "place-{seed}.safetensors")}
-    first, second = (EvaluationProtocol("set_table", vary="place", policies=mine).policies_of(seed) for seed in (0, 1))
-    assert (first.pop("place").source, second.pop("place").source) == tuple(
-        str(tmp_path / f"place-{seed}.safetensors") for seed in (0, 1)
-    )
-    assert {skill: each.source for skill, each in first.items()} == {
-        skill: each.source for skill, each in second.items()
-    }
-    assert first["pick"].source == str(shipped / "pick" / "seed-0.safetensors")
-    with pytest.raises(PerdureError, match="training seed 9999 is shipped for place"):
-        EvaluationProtocol("set_table", vary="place").policies_of(9999)
-    with pytest.raises(PerdureError, match="training seed 9999"):
-        EvaluationProtocol("set_table", policies=mine).policies_of(9999)
+def test_a_place_policy_that_was_trained_otherwise_is_a_release():
+    names = ("rl", "guarded", "delta-50", "gentle", "geometric-50")
+    read = [read_release(name) for name in names]
+    assert [each.policy for each in read] == ["place", "place", "place-delta-50", "place-gentle", "place-geometric"]
+    assert [each.strategy for each in read] == ["rl", "guarded", "rl", "rl", "rl"]
+    assert [each.clock for each in read] == ["", "", "", "", "@constant:50"]
+    assert EvaluationProtocol("set_table", "gentle").skills()["place"].gentle
 
 
 @pytest.mark.verify

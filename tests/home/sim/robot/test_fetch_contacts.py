@@ -72,7 +72,7 @@ def test_hand_pushed_against_the_torso_stays_outside():
 def test_base_is_stopped_by_a_wall(timestep):
     model, data = with_box((1.0, 0.0, 0.3), (0.1, 1.0, 0.3), timestep)
     set_pose(data)
-    data.actuator("base_x").ctrl = 1.5
+    data.actuator("base_forward").ctrl = 1.5
     speeds = []
     for _ in range(60):
         mujoco.mj_step(model, data, STEPS_PER_COMMAND[timestep])
@@ -89,7 +89,7 @@ def test_base_drives_through_what_must_not_touch_it():
     """Objects that must not meet the robot have (contype, conaffinity) = (1, 0)."""
     model, data = with_box((1.0, 0.0, 0.3), (0.1, 1.0, 0.3), contype=1, conaffinity=0)
     set_pose(data)
-    data.actuator("base_x").ctrl = 1.5
+    data.actuator("base_forward").ctrl = 1.5
     mujoco.mj_step(model, data, 240)
     assert data.body("robot").xpos[0] > 2.0
 

@@ -54,8 +54,9 @@ EFFORTS = [450, 200, 131.76, 76.94, 66.18, 29.35, 25.7, 7.36, 60, 60]
 
 def test_joints_and_actuators_have_the_agreed_names_and_order(model):
     assert [model.joint(i).name for i in range(model.njnt)] == ORDER
-    assert [model.actuator(i).name for i in range(model.nu)] == ORDER
-    assert [model.actuator(i).trnid[0] for i in range(model.nu)] == list(range(13))
+    assert [model.actuator(i).name for i in range(model.nu)] == ["base_forward", "base_left", "base_turn", *ORDER[3:]]
+    assert [model.actuator(i).trnid[0] for i in range(3, model.nu)] == list(range(3, 13))
+    assert {model.site(model.actuator(i).trnid[0]).name for i in range(3)} == {"base"}
     assert list(JOINTS) == ORDER
 
 
@@ -168,7 +169,7 @@ def test_visuals_change_what_is_seen_and_nothing_else(model):
     for one in (model, plain):
         data = mujoco.MjData(one)
         set_pose(data)
-        data.actuator("base_x").ctrl, data.actuator("elbow_flex_joint").ctrl = 1.0, 0.5
+        data.actuator("base_forward").ctrl, data.actuator("elbow_flex_joint").ctrl = 1.0, 0.5
         mujoco.mj_step(one, data, 60)
         ends.append(data.qpos.copy())
     assert ends[0] == pytest.approx(ends[1], abs=1e-12)

@@ -10,6 +10,7 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Learned
 from perdure.home.skills import SKILLS, get_skill, learned_skills, train
+from perdure.home.skills.place import variant_name, variant_options
 from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
 from perdure.horizon import Constant, Countdown, Geometric
 from perdure.policy import Normalizer, Policy, TaskInfo, load_policy
@@ -48,13 +49,13 @@ def test_a_score_counts_every_episode_once(policy, monkeypatch):
 def test_a_policy_acts_in_its_own_skill_only(policy):
     agent = Learned(policy)
     agent.begin(None, 0, get_skill("place"))
-    with pytest.raises(PerdureError, match="navigate has"):
+    with pytest.raises(PerdureError, match="another skill than navigate"):
         agent.begin(None, 0, get_skill("navigate"))
 
 
 def test_a_policy_of_another_skill_with_the_same_sizes_is_refused():
     fridge = [get_skill(name) for name in ("open_fridge", "close_fridge")]
-    sizes = {(len(skill.elements), len(skill.active_columns)) for skill in fridge}
+    sizes = {(len(skill.elements), skill.action_size) for skill in fridge}
     ((seen, moved),) = sizes  # the control: sizes tell nothing
     task = TaskInfo("perdure/HomeCloseFridge-v0", seen, (-1.0,) * moved, (1.0,) * moved)
     agent = Learned(SimpleNamespace(task=task))
@@ -100,15 +101,35 @@ def test_a_time_to_go_counts_down_from_the_limit_unless_a_clock_is_named(clock, 
     )
     policy = Policy(task, weights, "tanh", Normalizer.identity(3), protocol, Constant(1.0))
     skill = SimpleNamespace(
-        limit=200, observe=lambda state, progress: np.ones((1, 3)), expand_action=lambda actions: actions
+        limit=200, observe=lambda state, progress: np.ones((1, 3)), expand_action=lambda actions, state: actions
     )
     acted = Learned(policy, clock).act(None, np.array([0]), skill, None, SimpleNamespace(elapsed=np.array([50])))
     assert acted == pytest.approx(0.99**steps, rel=1e-6)
 
 
+def test_a_policy_of_another_variant_is_refused():
+    names = "perdure/HomePlace-v0,task=set_table,training=True,gentle=True"
+    task = TaskInfo(names, len(get_skill("place").elements), (-1.0,) * 10, (1.0,) * 10)
+    agent = Learned(SimpleNamespace(task=task))
+    agent.begin(None, 0, get_skill("place", gentle=True))
+    with pytest.raises(PerdureError, match="was trained with gentle=True, not False"):
+        agent.begin(None, 0, get_skill("place"))
+    for options, told in (({"actions": "hand"}, "actions=joints, not hand"), ({"delta": 9}, "delta=1, not 9")):
+        usual = SimpleNamespace(task=replace(task, name="perdure/HomePlace-v0"))
+        with pytest.raises(PerdureError, match=told):
+            Learned(usual).begin(None, 0, get_skill("place", **options))
+
+
+@pytest.mark.parametrize("name", ["delta-2", "delta-200", "gentle", "hand"])
+def test_a_variant_has_one_name_and_one_command(name):
+    assert variant_name(variant_options(name)) == name
+    command = train.train_command("place", "set_table", None, variant_options(name))
+    assert command == f"perdure home train place --task set_table --variant {name} --seeds {{seed}}"
+    assert variant_name({"delta": 1}) is None
+
+
 def test_delta_lengthens_the_horizon():
     assert skill_config("place", "set_table", delta=30).protocol.horizon.longest == 230
-    assert skill_config("place", "set_table", delta=30, limited_to=200).protocol.horizon.longest == 200
     with pytest.raises(PerdureError, match="reset_arm"):
         skill_config("reset_arm", "set_table")
 
@@ -133,9 +154,15 @@ def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wi
     assert wider == "" or wider not in run.command
 
 
+def test_a_gentle_release_is_learned_with_less_noise():
+    gentle, usual = skill_config("place", "set_table", gentle=True), skill_config("place", "set_table")
+    assert replace(gentle, log_std_end=usual.log_std_end) == usual
+    assert (gentle.log_std_end, usual.log_std_end) == (-3.0, -2.0)
+
+
 def test_a_task_may_need_another_recipe():
-    begin = {task: skill_config("pick", task).log_std_init for task in ("set_table", "tidy_house", "prepare_groceries")}
-    assert begin == {"set_table": -0.5, "tidy_house": 0.0, "prepare_groceries": 0.0}
+    steps = {task: skill_config("place", task).total_steps for task in ("set_table", "tidy_house", "prepare_groceries")}
+    assert steps == {"set_table": 4_000_000, "tidy_house": 2_000_000, "prepare_groceries": 4_000_000}
 
 
 def test_a_policy_says_what_makes_it_again(policy, tmp_path):
@@ -143,9 +170,9 @@ def test_a_policy_says_what_makes_it_again(policy, tmp_path):
         "perdure.home.skills.train.train_skill('place', 'set_table', (0,), OUT, total_steps=256, method='geometric', "
         "split='val', episodes=2)"
     )
-    command = train.train_command("place", "set_table", 2000, {"delta": 30, "limited_to": 200})
-    assert command.format(seed=3) == (
-        "perdure home train place --task set_table --seeds 3 --delta 30 --limited-to 200 --steps 2000"
+    command = train.train_command("place", "set_table", 2000, {"delta": 30})
+    assert (
+        command.format(seed=3) == "perdure home train place --task set_table --variant delta-30 --seeds 3 --steps 2000"
     )
     command = train.train_command("place", "set_table", None, {}, "linear")
     assert command.format(seed=3) == "perdure home train place --task set_table --method linear --seeds 3"

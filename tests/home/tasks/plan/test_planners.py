@@ -1,5 +1,6 @@
 """The closed loop on a world without physics: skills succeed, fail, and are undone by a hypothesis."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -54,13 +55,15 @@ class World:
 def run(world, planner=None, chance=lambda step: True):
     """Let a planner run; `chance` says whether a step has its effect."""
     planner, steps = planner or ClosedLoop(world.episode), []
-    succeeded = True
+    succeeded, failed = True, Counter()
     while (step := planner.next(world.facts, succeeded)) is not None:
+        assert step.scripted == (failed[step.toward or step.skill, step.target] >= LEARNED)
         steps.append(step)
         assert len(steps) <= most_steps(world), "a recovery goes on for ever"
         planner.seen(world.facts, step)
         if step.skill != "reset_arm":
             succeeded = chance(step) and world.act(step)
+            failed[step.skill, step.target] += not succeeded
     return steps
 
 
@@ -102,7 +105,6 @@ def test_a_recovery_never_loops_whatever_happens_in_mid_plan(task, index, events
     ]
     assert len(set(attempts)) == len(attempts)
     assert all(1 <= step.attempt <= ATTEMPTS for step in steps)
-    assert all(step.scripted == (step.attempt > LEARNED) for step in steps if step.skill != "reset_arm")
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -130,6 +132,71 @@ def test_a_skill_that_always_fails_is_given_up_and_the_others_go_on():
     assert picks == [(k, k > LEARNED) for k in range(1, ATTEMPTS + 1)]
     away = np.linalg.norm(world.objects - world.episode.goal_positions, axis=1) > 0.15
     assert away.tolist() == [False, True, False, False, False]
+
+
+def test_a_policy_that_did_not_fail_is_not_replaced_by_the_script():
+    """What was picked falls from the hand of place three times; the fourth pick is the policy's, place the script's."""
+    world = World("tidy_house")
+    steps = run(world, chance=lambda step: step.skill != "place" or step.scripted or drop(world, step))
+    tries = {skill: [s.scripted for s in steps if (s.skill, s.target) == (skill, 0)] for skill in ("pick", "place")}
+    assert tries == {"pick": [False] * (LEARNED + 1), "place": [False] * LEARNED + [True]}
+
+
+def drop(world, step):
+    world.held, world.objects[step.target] = NOTHING, FLOOR
+    return False
+
+
+@pytest.mark.parametrize("away", [[], [0], [0, 2]])
+def test_a_planner_that_is_asked_again_brings_what_has_left_its_goal_since(away):
+    world = World("prepare_groceries")
+    planner = ClosedLoop(world.episode)
+    run(world, planner)
+    assert [planner.next(world.facts) for _ in range(2)] == [None, None]
+    world.objects[away] = FLOOR
+    steps = run(world, planner)
+    assert [step.target for step in steps if step.skill == "place"] == away
+    assert all(step.attempt == 2 for step in steps if step.skill != "reset_arm")
+    assert world.done
+
+
+def test_each_attempt_has_two_failed_navigations_before_it_begins_anywhere():
+    world = World("tidy_house")
+    steps = run(world, chance=lambda step: step.skill not in ("navigate", "pick"))
+    tried = [step.skill for step in steps if step.skill != "reset_arm" and step.target == 0]
+    assert tried == ["navigate", "navigate", "pick"] * ATTEMPTS
+    at_once = run(World("set_table"), chance=one_failed_navigation_to_pick())
+    assert [s.skill for s in at_once if s.target == 1 and (s.toward or s.skill) == "pick"][:3] == ["navigate"] * 2 + [
+        "pick"
+    ]
+
+
+def test_no_navigation_goes_on_for_ever_when_the_object_falls_in_the_second_one():
+    world, seen = World("tidy_house"), Counter()
+
+    def chance(step):
+        if (step.toward, step.target) != ("place", 0):
+            return True
+        seen[step.attempt] += 1
+        if sum(seen.values()) == 2:
+            world.held, world.objects[0] = NOTHING, FLOOR
+        return False
+
+    run(world, chance=chance)
+    assert world.done
+    assert seen == {1: 3}, "the two that failed, and one after the second pick"
+
+
+def one_failed_navigation_to_pick():
+    """After a navigation to the fridge, which succeeds."""
+    failed = []
+
+    def chance(step):
+        fails = (step.target, step.toward) == (1, "pick") and not failed
+        failed.extend([step] * fails)
+        return not fails
+
+    return chance
 
 
 def test_a_door_that_does_not_close_is_given_up_too():
