@@ -24,6 +24,7 @@ from perdure.home.evaluate.policies import LEARNED_ON, SHIPPED, TIMED, read_rele
 from perdure.home.skills import get_skill, learned_skills
 from perdure.home.skills.environment import targets_of
 from perdure.home.skills.place import variant_name
+from perdure.home.skills.starts import fingerprint
 from perdure.home.skills.train import evaluate_skill
 from perdure.home.tasks.tasks import TASKS
 from perdure.policy import Policy, load_policy, save_policy
@@ -87,8 +88,8 @@ def main(folder: Path) -> None:
         (SHIPPED / f"{name}.safetensors").unlink(missing_ok=True)
         del scores[name]
     for name, path in found.items():
-        digest = file_digest(path / "policy.safetensors")
-        if scores.get(name, {}).get("run") == digest:  # scored before this program was stopped
+        scored_before = {"run": file_digest(path / "policy.safetensors"), "world": fingerprint()}
+        if scored_before.items() <= scores.get(name, {}).items():  # this program was stopped after that
             continue
         task, skill, _ = name.split("/")
         trained = load_policy(path / "policy.safetensors")
@@ -102,7 +103,7 @@ def main(folder: Path) -> None:
         else:
             target.unlink(missing_ok=True)
         steps = trained.provenance["config"]["total_steps"]
-        made = {"command": policy.provenance["command"], "steps": steps, "run": digest}
+        made = {"command": policy.provenance["command"], "steps": steps, **scored_before}
         scores[name] = {**made, "shipped": ships, **scored}
         _write(scores)
     lent(scores)

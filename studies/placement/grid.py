@@ -61,9 +61,8 @@ class Row:
         usual = EvaluationProtocol(self.task)
         given = {name: getattr(self, name) for name in ("place", "split", "episodes", "train_seeds", "eval_seeds")}
         flags = {name: value for name, value in given.items() if value != getattr(usual, name) or name == "place"}
-        flags |= SceneOptions(rolling=self.rolling).unusual | (
-            {} if self.planner == usual.options.planner else {"planner": self.planner}
-        )
+        flags |= SceneOptions(rolling=self.rolling).unusual
+        flags |= {} if self.planner == usual.options.planner else {"planner": self.planner}
         words = [(f"--{name.replace('_', '-')}", str(value)) for name, value in flags.items()]
         return shlex.join(["perdure", "home", "run", self.task, *(word for pair in words for word in pair)])
 

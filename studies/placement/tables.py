@@ -56,7 +56,7 @@ minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
 OPTIONAL |= {"median_speed"}
 PAIRS = (*(("rl", other) for other in (*RELEASES[1:], *TRAINED)), ("stop", "ik"), ("stop", "guarded"))
-"""Strategies that are compared over the same episodes: (first, second), second minus first."""
+"""Strategies that are compared over the same episodes, beside open and closed loop: second minus first."""
 DRAG = "drag closed"
 """The world in which release speeds are compared."""
 GROUPS = {"sphere": "apples", "bowl": "bowls", "cylinder": "cans", "box": "boxes", "rounded_box": "boxes"}
@@ -103,10 +103,12 @@ def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame) -> Ta
 def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
     for (task, split), group in analysis.success.group_by(GROUP[:2], maintain_order=True):
         episodes, placements = (t.filter(task=task, split=split) for t in (analysis.episodes, analysis.placements))
+        paired = [(before, f"{before} closed") for before in group["strategy"]]
         for (first, second), before in product(PAIRS, group["strategy"]):
             strategy, space, world = before.partition(" ")
-            after = f"{second}{space}{world}"
-            if strategy != first or after not in group["strategy"]:
+            paired += [(before, f"{second}{space}{world}")] if strategy == first else []
+        for before, after in paired:
+            if after not in group["strategy"]:
                 continue
             try:
                 won = paired_difference(episodes.filter(strategy=before), episodes.filter(strategy=after))

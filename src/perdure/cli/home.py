@@ -171,6 +171,8 @@ class Shown:
         from perdure.home.film import Agent
         from perdure.home.tasks.episodes import load_episodes
 
+        if self.train_seed < 0:
+            raise PerdureError(f"--train-seed must be 0 or more, not {self.train_seed}")
         chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
         if not self.logs:
             scene = SceneOptions(**vars(self.world))
@@ -270,6 +272,8 @@ def train(
 
     if test_episodes < 1:
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
+    if variant is not None and method != "ppo":
+        raise PerdureError("give --variant or --method: no --place names a policy that was trained with both")
     options = {} if variant is None else variant_options(variant)
     skill_config(skill, task, steps, method=method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
@@ -278,7 +282,9 @@ def train(
             skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=observe, **options
         )
     for path in paths:
-        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
+        score = evaluate_skill(
+            load_policy(path), skill, test_episodes, lanes=min(20, test_episodes), task=task, **options
+        )
         print(f"{path}\n  {score.summary()}")
 
 

@@ -86,6 +86,8 @@ class TrainRun:
     one of the task."""
     base_method: str | None = None
     """Method that `config` started from, for the recorded command; None: `method`. Results do not depend on it."""
+    inputs: str = ""
+    """Digest of the files that the task reads; "" for none."""
     disturb: tuple[str, ...] = ()
     """What disturbs every training episode, all together, such as "push:0.5"; each episode has its own draws."""
 
@@ -115,6 +117,7 @@ class TrainRun:
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
         identity |= {"preset": self.preset} if self.preset != ZOO else {}
         identity |= {"disturb": list(self.disturb)} if self.disturb else {}
+        identity |= {"inputs": self.inputs} if self.inputs else {}
         source = task_source_digest(self.task)
         return identity | ({"source": source} if source else {})
 

@@ -90,14 +90,18 @@ class Learned(SkillAgent):
     """
 
     def __init__(self, policy: Policy, clock: Clock | None = None) -> None:
-        """Keep the policy; `begin` checks that it fits the skill.
+        """Keep the policy; `check_fits` says whether it fits a skill.
 
         `clock` sets a time-to-go input; when None it counts down from the skill's step limit.
         """
         self.policy, self.clock = policy, clock
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
-        """Raise PerdureError for a policy whose observations or actions are not those of the skill."""
+        """See `check_fits`."""
+        self.check_fits(skill)
+
+    def check_fits(self, skill: Skill) -> None:
+        """Raise PerdureError for a policy of another skill, of other options, observations or actions."""
         trained, _, given = self.policy.task.name.partition(",")
         if trained.startswith(PREFIX):  # another maker's policy may have any name
             if trained != env_id(skill.name):

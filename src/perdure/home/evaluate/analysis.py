@@ -3,7 +3,8 @@
 A run is one training seed with one evaluation seed over all episodes of a split: the benchmark's 3 x 3 runs of 100
 episodes. Mean and standard error are those over the runs (as M3 and the thesis report them). Runs that share a training
 seed are not independent, so training seeds are the units of the interval where there are several (Student's t below
-ten of them). Where there is one, the interval is Clopper-Pearson's over episodes, which keeps a width when all succeed.
+ten of them). Where there is one, the interval is Clopper-Pearson's over episodes, which keeps a width when all succeed;
+an episode that several evaluation seeds begin counts once.
 """
 
 from __future__ import annotations
@@ -235,7 +236,9 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
             count = outcomes.latched if counting == "latched" else outcomes.stages_stabilizing
             reached = np.array([count(log) for log in part], dtype=np.float64)
             mean, error = over_runs(reached, runs)
-            found = survival_interval(reached, seeds, rng)
+            episodes, index = np.unique([seeds, [log.index for log in part]], axis=1, return_inverse=True)
+            by_episode = [reached[index.ravel() == k].mean(axis=0) for k in range(episodes.shape[1])]
+            found = survival_interval(by_episode, episodes[0], rng)
             stages = [stage.name for stage in part[0].home_task.stages]
             counts = {"episodes": len(part), "runs": len(set(runs))}
             shares = {"mean": mean, "standard_error": error, "lower": found.lower, "upper": found.upper}
@@ -359,7 +362,7 @@ def paired_difference(
 
     Episodes are paired by training seed, evaluation seed, number and hash: the same start and goals. The differences
     are averaged within a training seed; training seeds are the units of the 95 % interval. With one training seed the
-    episodes are, and the interval says nothing about training again.
+    episodes are, whatever their evaluation seed, and the interval says nothing about training again.
 
     Args:
         first: Rows of `Analysis.episodes` of one release strategy, or of `Analysis.placements`.
@@ -377,7 +380,9 @@ def paired_difference(
     )
     if both.is_empty():
         raise PerdureError("the two release strategies have no episode of equal training and evaluation seed in common")
-    change = both["second"].cast(pl.Float64) - both["first"].cast(pl.Float64)
-    units = make_units(change.to_numpy(), both["train_seed"].to_numpy())
+    change = pl.col("second").cast(pl.Float64) - pl.col("first").cast(pl.Float64)
+    same = [name for name in keys if name != "eval_seed"]
+    changes = both.group_by(same, maintain_order=True).agg(change.mean().alias("change"))
+    units = make_units(changes["change"].to_numpy(), changes["train_seed"].to_numpy())
     found = estimate_interval(units, np.random.default_rng(0))
     return replace(found, lower=np.clip(found.lower, -1.0, 1.0), upper=np.clip(found.upper, -1.0, 1.0))

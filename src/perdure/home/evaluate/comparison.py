@@ -186,7 +186,8 @@ class View:
     def units(self, strategy: str) -> tuple[bool, int]:
         """Return whether training seeds (else episodes) are the units of the intervals, and their number."""
         row = self.success(strategy)
-        return row["train_seeds"] > 1, row["train_seeds"] if row["train_seeds"] > 1 else row["episodes"]
+        seeds = row["train_seeds"]
+        return (True, seeds) if seeds > 1 else (False, row["episodes"] // row["eval_seeds"])
 
     def has_interval(self, strategy: str) -> bool:
         """Return whether a strategy has enough units to draw intervals."""

@@ -359,7 +359,7 @@ class Executor:
                 forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
                 if forced:
                     world.simulator(lane).release()
-                step, succeeded = each.current, bool(success[row])
+                step, succeeded = each.current, bool(success[row] and not state.diverged[row])
                 assert step is not None
                 if not succeeded:
                     each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())

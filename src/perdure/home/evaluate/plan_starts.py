@@ -47,7 +47,8 @@ def found_states(world: VectorSimulator, running: Mapping[int, Running]) -> list
             continue
         what = step.skill, step.target, step.toward
         believed = each.planner.seen(each.facts(world, lane), step).objects[step.target]
-        if (simulator.held, simulator.held_link) != (step.target if "place" in what else -1, -1):
+        held = step.target if "place" in what else -1
+        if each.recorder.diverged or (simulator.held, simulator.held_link) != (held, -1):
             continue
         x, y, yaw, *robot = np.round(simulator.robot, 4).tolist()
         opened = {**dict.fromkeys(each.episode.opened, 0.0), **open_links(simulator)}

@@ -14,7 +14,7 @@ from perdure.home.agents.learned import Learned, Scripted, SkillAgent
 from perdure.home.agents.release import STRATEGIES, make_strategy
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
-from perdure.home.skills import SKILLS
+from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.place import VARIANTS, variant_options
 from perdure.home.tasks.planners import PlannerName, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
@@ -191,10 +191,15 @@ def choose_policies(
         if path is not None and not path.exists():
             raise PerdureError(f"there is no policy {path} for {skill}")
         result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(f"{path}{clock}", file_digest(path))
-        if path is not None and (clock or not path.is_relative_to(SHIPPED)):
-            acting = result[skill].policy  # a file that is no policy is refused before anything runs
-            if (timed or result[skill].clock) and not (acting and acting.has_clock):
+        if path is not None and (clock or timed or not path.is_relative_to(SHIPPED)):
+            acting = result[skill].policy  # what is no policy, or does not fit, is refused before anything runs
+            assert acting is not None
+            if (timed or result[skill].clock) and not acting.has_clock:
                 raise PerdureError(f"{skill}={path}{clock}: the policy has no time-to-go input, so it takes no clock")
+            method = str(acting.provenance.get("method", "")).partition("-")[2]
+            if timed and method in TIMED and method != release.trained:
+                raise PerdureError(f"{skill}={path}: trained with --method {method}, not {release.trained}")
+            Learned(acting).check_fits(get_skill(skill, **(release.options if skill == "place" else {})))
     return result
 
 

@@ -14,11 +14,12 @@ from perdure.home.sim.arrays import BoolArray, IntArray
 from perdure.home.skills.environment import HomeSkillVectorEnv, checked_options
 from perdure.home.skills.place import variant_name
 from perdure.home.skills.registry import env_id, get_skill
+from perdure.home.skills.starts import plan_starts_file
 from perdure.horizon import Countdown
 from perdure.learn import PPOConfig, method_config
 from perdure.learn.run import TrainRun, train
 from perdure.policy import Policy
-from perdure.runs import Observer
+from perdure.runs import Observer, file_digest
 
 HIDDEN = (256, 256)
 
@@ -57,7 +58,9 @@ def train_skill(
     command = train_command(skill, task, total_steps, options, method)
     name = skill if method == "ppo" else f"{skill}-{method}"
     env_options = {**get_skill(skill).recipe_on(task).env_options, **options}
-    run = TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command)
+    starts = plan_starts_file(task)
+    inputs = file_digest(starts) if env_options.get("training") and starts.exists() else ""
+    run = TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command, inputs=inputs)
     return train(run, out, cores=cores, on=on, observe=observe)
 
 
@@ -90,9 +93,9 @@ def train_command(
     """Return the command that trains `{seed}` again; a Python call for options without a flag."""
     how, variant = {} if method == "ppo" else {"method": method}, variant_name(options)
     if variant or not options:
-        steps = {} if total_steps is None else {"steps": total_steps}
-        flags = {"task": task, **({"variant": variant} if variant else {}), **how, "seeds": "{seed}", **steps}
-        return f"perdure home train {skill} " + " ".join(f"--{name} {value}" for name, value in flags.items())
+        flags = {"task": task, "variant": variant, **how, "seeds": "{seed}", "steps": total_steps}
+        words = [f"--{name} {value}" for name, value in flags.items() if value is not None]
+        return f"perdure home train {skill} " + " ".join(words)
     given = "".join(f", {name}={value!r}" for name, value in {"total_steps": total_steps, **how, **options}.items())
     return f"perdure.home.skills.train.train_skill({skill!r}, {task!r}, ({{seed}},), OUT{given})"
 

@@ -5,9 +5,9 @@ planned again in the same PDDL domain. It reads four things that a robot would h
 (in their goals, in a container, elsewhere), how far drawer and fridge are open, what the hand holds, and whether the
 last skill succeeded. The simulator tells them without error.
 
-A retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted. Every skill
-has `ATTEMPTS` attempts with a target, so no recovery goes on for ever; then the target is given up and the others are
-brought. The end of the plan is not the end: whoever asks again later is told what has rolled away since.
+A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted.
+Every skill has `ATTEMPTS` attempts with a target, so no recovery goes on for ever; then the target is given up and the
+others are brought. The end of the plan is not the end: whoever asks again later is told what has rolled away since.
 """
 
 from __future__ import annotations

@@ -184,6 +184,24 @@ def test_a_planner_is_not_asked_about_a_world_that_diverged(set_table, monkeypat
     assert first.length == second.length - diverges, "what follows a divergence is not recorded"
 
 
+@pytest.mark.parametrize("diverges", [False, True])
+def test_a_skill_does_not_succeed_in_a_world_that_diverged(set_table, monkeypatch, diverges):
+    """The world goes back to its start, where the arm rests as reset_arm wants it."""
+    planning(monkeypatch, SkillStep("pick", 0), SkillStep("reset_arm", 0), None)
+    shorten(monkeypatch, LIMIT, MOST)
+
+    def observe(world, running):
+        each = running[0]
+        if diverges and each.current is not None and each.current.skill == "reset_arm" and each.step == each.began:
+            world.simulator(0).qvel[:] = np.nan
+
+    skills = {name: get_skill(name) for name in SKILLS}
+    agents = {name: Scripted() if name == "reset_arm" else Oracle() for name in SKILLS}
+    executor = Executor(skills, agents, ExecutorOptions(lanes=1, settle_steps=7))
+    (log,) = executor.run(set_table.episodes[:1], observe)
+    assert (log.diverged, log.runs[1].skill, log.runs[1].success) == (diverges, "reset_arm", not diverges)
+
+
 class Forward(Idle):
     """Drives straight on."""
 

@@ -14,7 +14,7 @@ from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
 
 import perdure.home.evaluate.log as history
 from perdure.errors import PerdureError
-from perdure.home.evaluate.analysis import STAYED, analyze
+from perdure.home.evaluate.analysis import STAYED, analyze, paired_difference
 from perdure.home.evaluate.comparison import by_shape, make_views
 from perdure.home.evaluate.outcomes import (
     COUNTINGS,
@@ -185,6 +185,14 @@ def test_four_successes_of_four_are_no_certainty():
     stages = analyze([good(index) for index in range(4)]).stages
     assert (stages["mean"] == 1.0).all()
     assert stages["lower"].to_list() == pytest.approx([0.025**0.25] * len(stages))  # Clopper-Pearson
+
+
+def test_an_episode_that_several_evaluation_seeds_begin_counts_once():
+    """Four episodes, each begun three times: as sure as four, not as twelve."""
+    logs = [Story(index=index, eval_seed=seed).rest(range(3)).log() for index in range(4) for seed in range(3)]
+    found = analyze(logs)
+    assert found.stages["lower"].to_list() == pytest.approx([0.025**0.25] * len(found.stages))
+    assert paired_difference(found.episodes, found.episodes).count == 4
 
 
 def test_one_run_has_no_standard_error_and_names_its_units_and_method():

@@ -1,5 +1,6 @@
 """Which policy acts in which skill: shipped ones, files, or the oracle."""
 
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate import policies
 from perdure.home.evaluate.policies import SHIPPED, SkillPolicy, choose_policies, make_agents, read_release
 from perdure.home.evaluate.protocol import EvaluationProtocol, protocol_units, run_protocol
+from perdure.home.skills import get_skill
 from perdure.home.tasks.planning import make_plan
 from perdure.horizon import Constant
 
@@ -71,8 +73,11 @@ def timed(tmp_path, monkeypatch):
     (tmp_path / "seed-0.safetensors").write_text("")
     policies._load.cache_clear()
 
-    def protocol(clock, has_clock=True):
-        monkeypatch.setattr(policies, "load_policy", lambda source: SimpleNamespace(has_clock=has_clock))
+    def protocol(clock, has_clock=True, method=""):
+        place = get_skill("place")
+        task = SimpleNamespace(name="mine", observation_size=len(place.elements), action_size=place.action_size)
+        policy = SimpleNamespace(has_clock=has_clock, provenance={"method": method}, task=task)
+        monkeypatch.setattr(policies, "load_policy", lambda source: policy)
         place = f"{tmp_path}/seed-{{seed}}.safetensors{clock}"
         return EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": place})
 
@@ -96,6 +101,22 @@ def test_the_clock_of_a_release_is_shown_whatever_follows_the_file(timed):
     policies._load.cache_clear()
     with pytest.raises(PerdureError, match="no time-to-go input"):
         replace(timed("", has_clock=False), place="geometric").policies_of(0)
+
+
+def test_a_policy_of_another_method_is_refused(timed):
+    assert replace(timed("", method="place-linear"), place="linear-50").policies_of(0)["place"].clock == Constant(50.0)
+    with pytest.raises(PerdureError, match="trained with --method linear, not geometric"):
+        replace(timed("", method="place-linear"), place="geometric-50").policies_of(0)
+
+
+def test_a_policy_that_does_not_fit_is_refused_before_anything_runs(tmp_path):
+    mine = str(shutil.copy(SHIPPED / "set_table" / "place" / "seed-0.safetensors", tmp_path))
+    for skill, release, why in (
+        ("pick", "rl", "another skill than pick"),
+        ("place", "gentle", "gentle=False, not True"),
+    ):
+        with pytest.raises(PerdureError, match=why):
+            choose_policies("set_table", 0, {skill: mine}, read_release(release))
 
 
 def test_a_missing_policy_is_told_with_the_command_that_trains_it():

@@ -11,6 +11,7 @@ from perdure.errors import PerdureError
 from perdure.home.agents.learned import Learned
 from perdure.home.skills import SKILLS, get_skill, learned_skills, train
 from perdure.home.skills.place import variant_name, variant_options
+from perdure.home.skills.starts import plan_starts_file
 from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
 from perdure.horizon import Constant, Countdown, Geometric
 from perdure.policy import Normalizer, Policy, TaskInfo, load_policy
@@ -176,3 +177,15 @@ def test_a_policy_says_what_makes_it_again(policy, tmp_path):
     )
     command = train.train_command("place", "set_table", None, {}, "linear")
     assert command.format(seed=3) == "perdure home train place --task set_table --method linear --seeds 3"
+
+
+def test_a_training_with_other_start_states_is_another_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = []
+    monkeypatch.setattr("perdure.home.skills.train.train", lambda run, *_, **__: found.append(run.identity(0)))
+    path = plan_starts_file("set_table")
+    path.parent.mkdir(parents=True)
+    for recorded in ("[]", "[ ]", "[]"):
+        path.write_text(recorded)
+        train_skill("place", "set_table", (0,), tmp_path)
+    assert found[0] == found[2] != found[1]
