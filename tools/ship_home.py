@@ -93,6 +93,9 @@ def main(folder: Path) -> None:
             continue
         task, skill, _ = name.split("/")
         trained = load_policy(path / "policy.safetensors")
+        steps = trained.provenance["config"]["total_steps"]
+        if steps != get_skill(skill.partition("-")[0]).recipe_on(task).total_steps:
+            sys.exit(f"{path} has not the steps of its recipe")
         policy = trained.without_critic().halved()
         scored = score(policy, task, skill)
         target = SHIPPED / f"{name}.safetensors"
@@ -102,7 +105,6 @@ def main(folder: Path) -> None:
             save_policy(policy, target)
         else:
             target.unlink(missing_ok=True)
-        steps = trained.provenance["config"]["total_steps"]
         made = {"command": policy.provenance["command"], "steps": steps, **scored_before}
         scores[name] = {**made, "shipped": ships, **scored}
         _write(scores)

@@ -120,6 +120,8 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(com
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyze", "nowhere"), "nowhere"),
         (("train", "juggle"), "juggle"),
+        (("train", "place", "--seeds", 0, 0), "seeds must be different numbers"),
+        (("train", "place", "--on", "nowhere"), "on must be here"),
         (("train", "place", "--variant", "gentle", "--method", "linear"), "--variant or --method"),
         (("run", "set_table", "--lane", 2), "did you mean --max-lanes?"),
         (("analyze", "nowhere", "--out", "page"), "nowhere"),

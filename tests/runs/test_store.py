@@ -342,8 +342,10 @@ def test_a_workspace_survives_kill_9_and_has_one_worker_at_a_time(tmp_path):
 
 def test_a_workspace_begun_with_another_config_is_refused(tmp_path):
     store = Store(tmp_path)
-    with pytest.raises(RuntimeError), store.workspace("unit", {"steps": 100}):
-        raise RuntimeError
+    with pytest.raises(RuntimeError), store.workspace("unit", {"steps": 50}):
+        raise RuntimeError  # an attempt that left nothing blocks nobody
+    with pytest.raises(ZeroDivisionError), store.workspace("unit", {"steps": 100}) as work:
+        (work.folder / "half").write_text(str(1 / (work.folder / "half").write_text("")))
     with pytest.raises(PerdureError, match="steps is 100 there and 200 here"), store.workspace("unit", {"steps": 200}):
         pytest.fail("the block must not run")
 

@@ -266,8 +266,9 @@ def train(
     """
     from perdure.home.evaluate.plan_starts import record_plan_starts
     from perdure.home.skills.place import variant_options
-    from perdure.home.skills.train import evaluate_skill, skill_config, train_skill
+    from perdure.home.skills.train import evaluate_skill, skill_run, train_skill
     from perdure.policy import load_policy
+    from perdure.runs import check_on
     from perdure.runs.progress import show_progress
 
     if test_episodes < 1:
@@ -275,7 +276,9 @@ def train(
     if variant is not None and method != "ppo":
         raise PerdureError("give --variant or --method: no --place names a policy that was trained with both")
     options = {} if variant is None else variant_options(variant)
-    skill_config(skill, task, steps, method=method, **options)  # what is wrong is said before the minutes of recording
+    check_folder(out)
+    check_on(on)
+    skill_run(skill, task, seeds, steps, method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as observe:
         paths = train_skill(

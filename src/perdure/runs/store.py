@@ -233,9 +233,9 @@ class Store:
         if self.done(unit.key):
             raise PerdureError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
         folder = self._hidden("working") / _flat(unit.key)
-        if (folder / RECORD).is_file():
-            Identity.read(folder).check_same(unit, str(folder))
         folder.mkdir(parents=True, exist_ok=True)
+        if {RECORD} < {each.name for each in folder.iterdir()}:  # an attempt that left nothing blocks nobody
+            Identity.read(folder).check_same(unit, str(folder))
         unit.write(folder)
         return folder
 

@@ -54,14 +54,26 @@ def train_skill(
     Returns:
         The policy files, one for each seed.
     """
+    run = skill_run(skill, task, seeds, total_steps, method, **options)
+    return train(run, out, cores=cores, on=on, observe=observe)
+
+
+def skill_run(
+    skill: str,
+    task: str,
+    seeds: tuple[int, ...],
+    total_steps: int | None = None,
+    method: str = "ppo",
+    **options: object,
+) -> TrainRun:
+    """Return what `train_skill` trains, with the digest of the start states that are recorded so far."""
     config = skill_config(skill, task, total_steps, method=method, **options)
     command = train_command(skill, task, total_steps, options, method)
     name = skill if method == "ppo" else f"{skill}-{method}"
     env_options = {**get_skill(skill).recipe_on(task).env_options, **options}
     starts = plan_starts_file(task)
     inputs = file_digest(starts) if env_options.get("training") and starts.exists() else ""
-    run = TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command, inputs=inputs)
-    return train(run, out, cores=cores, on=on, observe=observe)
+    return TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command, inputs=inputs)
 
 
 def skill_config(
