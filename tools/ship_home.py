@@ -95,7 +95,7 @@ def main(folder: Path) -> None:
         trained = load_policy(path / "policy.safetensors")
         steps = trained.provenance["config"]["total_steps"]
         if steps != get_skill(skill.partition("-")[0]).recipe_on(task).total_steps:
-            sys.exit(f"{path} has not the steps of its recipe")
+            sys.exit(f"{path} was not trained for the steps of its recipe")
         policy = trained.without_critic().halved()
         scored = score(policy, task, skill)
         target = SHIPPED / f"{name}.safetensors"

@@ -285,9 +285,7 @@ def train(
             skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=observe, **options
         )
     for path in paths:
-        score = evaluate_skill(
-            load_policy(path), skill, test_episodes, lanes=min(20, test_episodes), task=task, **options
-        )
+        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
         print(f"{path}\n  {score.summary()}")
 
 

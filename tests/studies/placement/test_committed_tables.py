@@ -83,6 +83,10 @@ def test_what_the_answer_says_holds(tables):
         assert closed["stabilizing mean"] >= 0.97
         assert closed["unaided"] >= 0.93 * closed["episodes"]
         assert abs(closed["stabilizing mean"] - unseen["stabilizing mean"]) <= 0.03
+    (cost,) = (
+        tables["differences"].filter(task="set_table", split="eval", first="rl closed", second="stop closed").to_dicts()
+    )
+    assert cost["episodes upper"] < 0.0, "in the default world"
     drag = {place: rows["set_table", f"{place} drag closed"] for place in ("rl", "stop", "gentle")}
     assert drag["rl"]["stabilizing upper"] < min(drag[place]["stabilizing lower"] for place in ("stop", "gentle"))
     assert all(

@@ -375,7 +375,8 @@ POOL = 64
 """Episodes in a pool: one for each training apartment."""
 _MADE_BY = ("sim/*.py", "tasks/*.py", "data/*.json", "data/*.xml")
 """Files that determine the episodes."""
-_STARTS_BY = (*_MADE_BY, "agents/*.py", "skills/*.py", "evaluate/*.py", "../policy/shipped/home/*/*/*.safetensors")
+_RECORDERS = ("evaluate/execute.py", "evaluate/plan_starts.py")
+_STARTS_BY = (*_MADE_BY, *_RECORDERS, "agents/*.py", "skills/*.py", "../policy/shipped/home/*/*/*.safetensors")
 """Files that determine the recorded start states."""
 
 

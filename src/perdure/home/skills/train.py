@@ -147,9 +147,10 @@ def evaluate_skill(
         skill: Name of the skill.
         count: Number of episodes, rounded up to a multiple of `lanes`.
         seed: Lane k draws its start states from seed + k.
-        lanes: Number of lanes.
+        lanes: Largest number of lanes.
         options: Options of the environment; by default the published val episodes with their clutter.
     """
+    lanes = min(lanes, count)
     env = HomeSkillVectorEnv(lanes, skill=skill, **{"split": "val", "clutter": True, **options})
     limit = env.skill.limit
     rounds, clock = -(-count // lanes), Countdown(limit) if policy.has_clock else None
