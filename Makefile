@@ -68,8 +68,7 @@ demo: setup ## Run two shipped Hoppers, calm and disturbed, and two home demonst
 	echo; echo "The reports, to be opened in a browser:"; \
 	for task in Hopper-v3 set_table; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
 
-picture: ## Put the demonstration's figures of Hopper into README.md
-	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working-calm.png docs/images/demo-calm.png
+picture: ## Put the figure of the disturbed Hoppers into README.md
 	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working-under-standard-1.png docs/images/demo-disturbed.png
 
 # A process runs whole files, in the order of tests/conftest.py; tests/test_types.py checks the types.

@@ -47,11 +47,6 @@ SUMMARY = (
         "Stable-Baselines3, the faster of its two vectorized ways",
         ("extrapolate.HalfCheetah-v3.vs_sb3_fastest",),
     ),
-    (
-        "home, simulated seconds: place environment, whole tasks on two cores",
-        "gymnasium-robotics' FetchPickAndPlace-v4, one core, physics step a quarter of ours",
-        tuple(f"home.{part}.vs_fetch_env" for part in ("place", "tasks")),
-    ),
 )
 """The README's table: what, the peer, and the names of the rows whose ratios are shown."""
 ITERATIONS = {"Hopper-v3": 16, "HalfCheetah-v3": 12, "Ant-v3": 5, "Hopper-v3@cleanrl": 12}

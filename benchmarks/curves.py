@@ -51,10 +51,11 @@ def run() -> None:
         made = json.loads(RUNS.read_text()).get(task, {})
         config = method_config("ppo", task, task_spec(task).observation_size, "zoo")
         missing = tuple(seed for seed in range(ours) if str(seed) not in made.get("perdure", {}))
-        training = TrainRun(task, "ppo", dataclasses.replace(config, total_steps=steps), missing, preset="zoo")
-        for seed, path in zip(missing, train(training, HERE / "runs", on="local") if missing else (), strict=True):
-            episodes = pl.read_parquet(path.parent / "episodes.parquet")
-            keep(task, "perdure", seed, episodes["step"].to_numpy(), episodes["return"].to_numpy())
+        if missing:
+            training = TrainRun(task, "ppo", dataclasses.replace(config, total_steps=steps), missing, preset="zoo")
+            for seed, path in zip(missing, train(training, HERE / "runs", on="local"), strict=True):
+                episodes = pl.read_parquet(path.parent / "episodes.parquet")
+                keep(task, "perdure", seed, episodes["step"].to_numpy(), episodes["return"].to_numpy())
         for seed in range(sb3):
             if str(seed) not in made.get("sb3", {}):
                 result = peer("0,1", "train", {**sb3_config(task, seed, 1), "total_steps": steps})

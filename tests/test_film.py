@@ -38,6 +38,10 @@ def test_an_animation_has_its_pictures_and_its_rate(tmp_path, suffix):
         animation.seek(6)
         assert np.asarray(animation.convert("L")).mean() == pytest.approx(70, abs=3)
         assert animation.info["duration"] == 80
+    write_film(shades, tmp_path / f"fast{suffix}", 30.0)
+    with Image.open(tmp_path / f"fast{suffix}") as animation:
+        lasts = [animation.seek(k) or (animation.load() and animation.info["duration"]) for k in range(10)]
+    assert sum(lasts) == pytest.approx(10_000 / 30.0, abs=10)
 
 
 def test_labels_do_not_cover_each_other():

@@ -308,5 +308,6 @@ def _animation(path: Path, rate: float) -> Generator[Callable[[Picture], object]
     pictures: list[Any] = []
     webp, read, plain = path.suffix == ".webp", Image.fromarray, Image.Dither.NONE
     yield lambda picture: pictures.append(read(picture) if webp else read(picture).quantize(128, dither=plain))
-    options = {"duration": round(1000.0 / rate), "loop": 0, **(WEBP if webp else {"optimize": False})}
+    ends = [10 * round(100 * k / rate) for k in range(len(pictures) + 1)]  # [ms]; GIF counts in hundredths of a second
+    options = {"duration": np.diff(ends).tolist(), "loop": 0, **(WEBP if webp else {"optimize": False})}
     pictures[0].save(path, save_all=True, append_images=pictures[1:], **options)

@@ -187,11 +187,12 @@ class Registered(ABC):
         found: dict[str, type[Self]] = {}
         for kind in _subclasses(cls):
             if not inspect.isabstract(kind):
-                other = found.setdefault(kind.name, kind)
+                other = found.get(kind.name, kind)
                 if _path(other) != _path(kind):
                     raise PerdureError(
                         f"{_path(other)} and {_path(kind)} are both named {kind.name!r}: give one another name"
                     )
+                found[kind.name] = kind  # the last definition, as after a cell of a notebook ran again
         return found
 
 
@@ -575,5 +576,5 @@ class LaneClocks:
 
 def _check_steps(name: str, steps: float) -> None:
     """Refuse a horizon that is not a whole number of steps, at least 1; `name` is for the message."""
-    if not (steps >= 1 and float(steps).is_integer()):
+    if not (isinstance(steps, int | np.integer) and steps >= 1):  # 1e3 is stored as no whole number
         raise PerdureError(f"{name} must be a whole number of steps, at least 1, got {steps}")

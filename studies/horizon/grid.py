@@ -184,6 +184,5 @@ def make_grid(scale: str, phases: Sequence[int]) -> Grid:
     grid = GRIDS[scale]
     rows = tuple(row for row in grid.rows if row.phase in phases)
     if not rows:
-        known = ", ".join(str(phase) for phase in sorted({row.phase for row in grid.rows}))
-        raise PerdureError(f"phases {list(phases)} hold no row of scale {scale}; its phases are {known}")
+        raise PerdureError(f"scale {scale} has no work in phases {', '.join(map(str, phases))}")
     return replace(grid, rows=rows)

@@ -118,5 +118,4 @@ def make_grid(scale: str, phases: Sequence[int]) -> tuple[Row, ...]:
     """
     if rows := tuple(row for row in GRIDS[scale] if row.phase in phases):
         return rows
-    known = ", ".join(map(str, sorted({row.phase for row in GRIDS[scale]})))
-    raise PerdureError(f"scale {scale} has no work in phases {', '.join(map(str, phases))}; its phases are {known}")
+    raise PerdureError(f"scale {scale} has no work in phases {', '.join(map(str, phases))}")

@@ -92,7 +92,7 @@ def test_it_logs_at_the_start_every_so_many_steps_and_at_the_end(module):
     final = callback.result.final().filter(disturbance="none")
     assert logged["perdure/mean_return_calm"] == pytest.approx(final["return"].mean())
     assert len(final) == 3
-    assert "perdure/holds_disturbed" in logged
+    assert "perdure/holds_standard-1" in logged
     assert logged["perdure/holds_calm"] == 0.0  # the world ends every episode by step 60
     assert 5 <= logged["perdure/median_failure_step_calm"] <= 60
 
@@ -104,13 +104,13 @@ def test_the_policy_sees_normalized_observations(module):
     assert min(float(each.min()) for each in model.seen) >= 7.0
 
 
-def test_a_disturbed_evaluation_is_logged_under_its_name(module):
+def test_each_disturbed_evaluation_is_logged_under_its_name(module):
     model = Model()
-    learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1, disturb=["action_noise:0.1"]), model, 50)
-    assert "perdure/holds_disturbed" in model.logger.dumped[0][1]
+    learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1, disturb="action_noise:0.1,0.2"), model, 50)
+    assert {"perdure/holds_action_noise:0.1", "perdure/holds_action_noise:0.2"} < model.logger.dumped[0][1].keys()
 
 
-@pytest.mark.parametrize("option", ["hours", "out", "recurrent"])
+@pytest.mark.parametrize("option", ["clocks", "hours", "out", "recurrent"])
 def test_options_of_a_single_evaluation_are_refused_before_training(module, option):
     with pytest.raises(PerdureError, match=f"takes no {option}"):
         module.VerdictCallback("Pendulum-v1", **{option: 1})
@@ -143,8 +143,8 @@ def test_ppo_of_stable_baselines3_logs_its_verdict(tmp_path):
     rows, final = pl.read_csv(tmp_path / "progress.csv"), callback.result.final()
     assert rows["time/total_timesteps"].drop_nulls().to_list() == list(range(512, 4097, 512))
     assert rows["train/loss"].is_not_null().any(), "what the library logs itself is still there"
-    logged = rows.filter(pl.col("perdure/holds_disturbed").is_not_null())
+    logged = rows.filter(pl.col("perdure/holds_action_noise:0.1").is_not_null())
     assert len(logged) == 4, "before the first step, after 2,000 and 4,000, and at the end"
-    assert logged["perdure/holds_disturbed"][-1] == (final["outcome"] == "holds").mean()
-    assert logged["perdure/mean_return_disturbed"][-1] == pytest.approx(final["return"].mean())
+    assert logged["perdure/holds_action_noise:0.1"][-1] == (final["outcome"] == "holds").mean()
+    assert logged["perdure/mean_return_action_noise:0.1"][-1] == pytest.approx(final["return"].mean())
     assert final["end_step"].to_list() == [300, 300]

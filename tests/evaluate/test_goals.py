@@ -121,6 +121,8 @@ class TestAnEpisodeThatEndsAtItsGoal:
         assert verdict.short == f"reach: misses its goal in {20 - reached} of 20 episodes"
         assert f"; reaches its goal in {reached} of 20 episodes, after " in verdict.sentence
         assert set(result.final().filter(pl.col("end_step") == 60)["goal_first_step"]) == {math.inf}
+        ((estimate,),) = estimate_table(result.frame).values()
+        assert float(estimate.working.estimate[-1]) == 1.0, "none has failed, and none was left unwatched"
 
     def test_a_cut_at_the_goal_counts_as_with_stable_baselines3(self):
         """Episodes of 8 steps that say at their last one whether they succeeded, and go on after the first success."""

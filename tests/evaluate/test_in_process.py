@@ -69,6 +69,10 @@ class TestAFunctionIsJudgedLikeAPolicyFile:
         assert found.frame.select(same).equals(by_file.frame.select(same))
         assert found.frame["policy"].unique().to_list() == ["function"]
 
+    def test_a_table_names_the_environment_that_was_run(self, timed):
+        found = extrapolate(timed, "Hopper-v5", steps=20, clocks="countdown", eval_seeds=1, disturb="none")
+        assert found.frame["task"].unique().to_list() == ["gymnasium:Hopper-v5"]
+
     def test_so_is_that_of_the_policy_itself_and_of_one_file(self, timed, by_file, tmp_path):
         options = {"steps": 60, "clocks": ["constant:500", "countdown"], "eval_seeds": 3}
         path = save_policy(timed, tmp_path / "timed.safetensors")

@@ -57,7 +57,7 @@ def test_a_shortest_horizon_above_the_longest_is_refused():
         Uniform(1000, 200)
 
 
-@pytest.mark.parametrize("steps", [0, -3, 1.5, float("nan"), float("inf")])
+@pytest.mark.parametrize("steps", [0, -3, 1.5, 1e3, float("nan"), float("inf")])
 def test_horizons_that_are_no_whole_steps_are_refused(steps):
     with pytest.raises(PerdureError, match=f"a whole number of steps, at least 1, got {steps}"):
         Fixed(steps)

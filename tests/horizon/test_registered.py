@@ -85,7 +85,8 @@ def test_infinity_and_numpy_numbers_become_plain_json_values():
 
 
 def test_two_classes_of_one_name_are_refused_before_one_hides_the_other():
-    assert set(Shape.kinds()) == {"square"}
+    again = type("Square", (Shape,), {"name": "square", "corners": 4, "__qualname__": "Square", "__module__": __name__})
+    assert Shape.kinds() == {"square": again}, "a class that is defined again replaces itself"
 
     @dataclass(frozen=True)
     class CopiedAndForgotten(Shape):

@@ -45,7 +45,7 @@ def test_the_recorded_command_trains_the_same_run(spec, monkeypatch, config, nam
 def test_the_recorded_command_names_the_preset(spec):
     config = method_config("ppo", TASK, 4, "cleanrl")
     run = TrainRun(TASK, "mine", config, preset="cleanrl", base_method="ppo")
-    assert command(run, spec, 0) == f"perdure train {TASK} --method ppo --name mine --seeds 0 --preset cleanrl"
+    assert command(run, spec, 0) == f"perdure train {TASK} --method ppo --name mine --preset cleanrl --seeds 0"
 
 
 def test_disturbances_are_in_the_command_and_in_the_name(spec, monkeypatch):
@@ -62,7 +62,7 @@ def test_disturbances_are_in_the_command_and_in_the_name(spec, monkeypatch):
 
 def test_a_trained_policy_holds_the_command(tmp_path):
     (path,) = train(TrainRun(TASK, "mine", replace(PPO, **TINY), base_method="ppo"), tmp_path, cores=1)
-    start = f"perdure train {TASK} --method ppo --name mine --seeds 0 --ppo.total-steps 64 "
+    start = f"perdure train {TASK} --method ppo --name mine --preset zoo --seeds 0 --ppo.total-steps 64 "
     assert load_policy(path).provenance["command"].startswith(start)
 
 

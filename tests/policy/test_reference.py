@@ -12,7 +12,7 @@ from make_policy import HOPPER, random_policy
 
 from perdure.envs import GymnasiumWorld, make_world
 from perdure.errors import PerdureError
-from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
+from perdure.horizon import Constant, Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy import (
     ClosedLoop,
     EpisodePolicy,
@@ -110,6 +110,11 @@ def test_a_time_feature_counts_down_from_its_own_steps_however_short_the_episode
     )
     measure_reference(policy, 1, GymnasiumWorld([partial(Recording, 1000)], [0]))
     assert seen == pytest.approx([1.0, 0.99, 0.98, 0.97, 0.96])
+    seen.clear()
+    measure_reference(
+        dataclasses.replace(policy, clock=Constant(5)), 1, GymnasiumWorld([partial(Recording, 1000)], [0])
+    )
+    assert seen == pytest.approx([0.05, 0.04, 0.03, 0.02, 0.01]), "trained by perdure: it saw the steps left of T"
 
 
 def test_a_policy_with_time_to_go_is_told_the_countdown_of_training():

@@ -539,8 +539,10 @@ def test_the_page_names_the_policy_file_to_watch_and_how_it_failed(synthetic, tm
     page = write_report(without, tmp_path, "x", ()).read_text()
     assert "--first-eval-seed 3 --disturb push:0.5 --out failure.mp4" in page
     assert "watch POLICY" not in write_report(table, tmp_path, "x", (), {"command": "of a function"}).read_text()
-    page = write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()
+    why = half_fall(synthetic).with_columns(not_applied=pl.lit("standard-1, because it is discrete"))
+    page = write_report(why, tmp_path, "x", ()).read_text()
     assert "watch POLICY --until-failure --steps 100000 --clock constant:500 --out failure.mp4" in page
+    assert "Not applied: standard-1, because it is discrete." in page
     (tmp_path / "imported").mkdir()
     (model := tmp_path / "imported" / "a.safetensors").touch()
     assert f"perdure watch {model} --until" in write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()

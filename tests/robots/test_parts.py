@@ -23,6 +23,7 @@ def test_a_script_of_commands_begins_again(ant):
     found = commands(contract, np.arange(0.0, 10.5, 0.5))
     one = [forward] * 4 + [turn] * 2 + [stand] * 4
     assert found == [*one, *one, forward]
+    assert commands(replace(contract, repeat=2.5), [0.0, 2.0, 2.5, 4.0]) == [forward, turn, forward, forward]
     assert commands(replace(contract, repeat=math.inf), [0.0, 2.5, 3.0, 100.0]) == [forward, turn, stand, stand]
 
 

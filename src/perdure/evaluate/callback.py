@@ -25,20 +25,20 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
     Actions are deterministic, behind the current statistics of a `VecNormalize`. The model's logger, and with it
     TensorBoard and Weights & Biases, gets `perdure/holds_calm` (share of the episodes that hold),
     `perdure/mean_return_calm` and `perdure/median_failure_step_calm` (absent while less than half fail), and the same
-    with `_disturbed`. The last evaluation is `result`.
+    with `_standard-1`, or what else disturbs. The last evaluation is `result`.
 
     Args:
         env: A name, or a factory that applies the wrappers of training.
         every_steps: Training steps between two evaluations.
         steps: Steps of an evaluated episode.
-        options: As `perdure.extrapolate` takes them, but not `hours`, `out` or `recurrent`. By default there
+        options: As `perdure.extrapolate` takes them, but not `clocks`, `hours`, `out` or `recurrent`. By default there
             are 3 calm episodes, and 36 of 10,000 steps under standard-1.
     """
 
     def __init__(self, env: Any, *, every_steps: int = 100_000, steps: int = 10_000, **options: Any) -> None:
         if BaseCallback is object:
             raise PerdureError("VerdictCallback needs Stable-Baselines3: pip install stable-baselines3")
-        if refused := options.keys() & {"hours", "out", "recurrent"}:
+        if refused := options.keys() & {"clocks", "hours", "out", "recurrent"}:
             raise PerdureError(f"VerdictCallback takes no {', '.join(sorted(refused))}")
         super().__init__()
         self.env, self.options = env, {"steps": steps, **options}
@@ -70,6 +70,6 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
             values["median_failure_step"] = item.group.half_failed_by
             for name, value in values.items():
                 if math.isfinite(value):
-                    kind = "calm" if item.group["disturbance"][0] == CALM else "disturbed"
-                    self.logger.record(f"perdure/{name}_{kind}", value)
+                    met = item.group.disturbance
+                    self.logger.record(f"perdure/{name}_{'calm' if met == CALM else met}", value)
         self.logger.dump(self.num_timesteps)

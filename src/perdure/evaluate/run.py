@@ -185,6 +185,7 @@ def _evaluate_here(
             # The last episode is repeated where a VectorEnv fixes their number.
             frames.append(rows.head(len(rows) // len(group) * len(set(group))))
             finished += specs[0].steps * len(set(group))
-    scale = make_score_scale(policy.reference, idle, published_rate(policy.task.name))
+    scale = make_score_scale(policy.reference, idle, published_rate(spec.name))
     not_applied = {each.label: each.not_applied for each in conditions}
-    return judge_table(pl.concat(frames), [scale] * len(episodes), not_applied)
+    frame = pl.concat(frames).with_columns(task=pl.lit(spec.name))  # not that of its training
+    return judge_table(frame, [scale] * len(episodes), not_applied)

@@ -125,7 +125,7 @@ def run_episodes(
 def plan(
     evaluation: Extrapolation, policies: Sequence[PolicyLike], conditions: Sequence[Condition]
 ) -> list[EpisodeSpec]:
-    """Return the episodes of an evaluation, one condition after the other; PerdureError if there is none."""
+    """Return the episodes of an evaluation, one condition after the other; PerdureError if a policy has none."""
 
     def clocks(policy: PolicyLike, steps: int) -> tuple[Clock | None, ...]:
         own = getattr(policy, "clock", None)
@@ -139,10 +139,8 @@ def plan(
         for clock in clocks(policy, each.steps)
         for seed in range(first, first + each.eval_seeds)
     ]
-    if not episodes:
-        raise PerdureError(
-            "no episode to evaluate: a function or an ONNX model stores no clock; name one, such as constant:500"
-        )
+    if len({each.policy for each in episodes}) < len(policies):
+        raise PerdureError("a function or an ONNX model stores no clock; name one, such as constant:500")
     return episodes
 
 

@@ -362,8 +362,7 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
         return ""
     words = ["perdure", "train", run.task, "--method", base]
     words += [] if run.method == base else ["--name", run.method]
-    words += ["--seeds", str(seed)]
-    words += [] if run.preset == usual_preset(run.task) else ["--preset", str(run.preset)]
+    words += ["--preset", str(run.preset), "--seeds", str(seed)]
     words += ["--disturb", *run.disturb] if run.disturb else []
     usual = method_config(base, run.task, spec.observation_size, run.preset, spec.default_horizon)
     try:

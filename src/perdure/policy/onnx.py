@@ -45,9 +45,9 @@ MAX_BYTES = 500_000_000
 """Of a model with the weights beside it."""
 CHECKED = 1_000
 """Random observations on which the model's actions are compared with the policy's."""
-TOLERANCE = 5e-6
+TOLERANCE = 5e-5
 """Largest difference of an action component, relative to 1 or its size. Both sides compute in 32 bits and add up in
-another order: measured, 0.7e-6 for Hopper's 64 x 64 network and 2e-6 for 376 inputs and 256 x 256."""
+another order: measured, 0.7e-6 for Hopper's 64 x 64 network and 5e-6 for 376 inputs around 100 and 256 x 256."""
 
 
 # Models as policies

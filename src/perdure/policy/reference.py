@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, World, make_world
 from perdure.errors import PerdureError, PerdureWarning
-from perdure.horizon import Clock, Countdown, TimeFeature
+from perdure.horizon import Clock, Countdown
 from perdure.policy.closed_loop import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.network import one_thread
@@ -100,7 +100,9 @@ def measure_reference(
     try:
         longest = policy.training_horizon
         horizon = int(longest) if math.isfinite(longest) else world.spec.default_horizon
-        clock: Clock | None = Countdown(_counted_from(policy, horizon)) if policy.has_clock else None
+        clock: Clock | None = Countdown(float(horizon)) if policy.has_clock else None
+        if isinstance(own := getattr(policy, "clock", None), Countdown):  # of a time feature 1 - t/N: N is not T
+            clock = own
         loop = ClosedLoop(world, [EpisodePolicy(policy, clock)] * episodes)
         first = loop.observations
         low, high = first.min(axis=0), first.max(axis=0)
@@ -131,12 +133,6 @@ def measure_reference(
     finally:
         world.close()
     return Reference(horizon, rewards, lengths, terminated, low, high)
-
-
-def _counted_from(policy: PolicyLike, horizon: int) -> float:
-    """Return the steps from which the time-to-go counted down in training: N for a time feature 1 - t/N."""
-    embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
-    return float(embedding.steps if isinstance(embedding, TimeFeature) else horizon)
 
 
 def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:

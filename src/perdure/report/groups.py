@@ -234,10 +234,10 @@ class Group:
 def failure_times(verdicts: Sequence[str], failed_step: IntArray) -> tuple[IntArray, BoolArray]:
     """Return the steps until each episode failed or was no longer watched, and which failed: for `kaplan_meier`.
 
-    Policies that never worked have failed from the start. What has reached its goal cannot fail any more.
+    Policies that never worked have failed from the start. What has reached or missed its goal does not fail.
     """
-    never, reached = (np.isin(verdicts, [each]) for each in ("never worked", REACHES))
-    times = np.where(reached, np.iinfo(np.int64).max, np.where(never, 0, failed_step))
+    never, judged_by_goal = (np.isin(verdicts, each) for each in (["never worked"], [REACHES, MISSES]))
+    times = np.where(judged_by_goal, np.iinfo(np.int64).max, np.where(never, 0, failed_step))
     return times, np.isin(verdicts, EPISODE_FAILURES) | never
 
 

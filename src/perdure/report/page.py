@@ -239,7 +239,7 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
         met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
         disturb = " ".join(met) if any(left_out) else group.disturbance
         options = {"steps": group.test_horizon, "first-eval-seed": first, "clock": clock, "disturb": disturb}
-        flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM))
+        flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM, ""))
         watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
         sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
     return sentences
@@ -248,7 +248,9 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     over = " or ".join(sorted({_over(item.returns) for item in estimates}))
     missing = {(item.group.disturbance, what) for item in estimates for what in item.group["not_applied"] if what}
-    left_out = "".join(f" Of {label}, this world could not apply {what}." for label, what in sorted(missing))
+    left_out = "".join(
+        f" Not applied{'' if label == CALM else f' of {label}'}: {what}." for label, what in sorted(missing)
+    )
     headings, *cells = _rows(estimates)
     yield table("Policies, clocks and conditions", headings, cells, f"Intervals over {over}.{left_out}")
     episodes = sum(item.group.episodes for item in estimates)

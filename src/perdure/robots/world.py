@@ -25,6 +25,7 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.envs.mujoco import MujocoEnv
+from msgspec.structs import replace
 
 from perdure.errors import PerdureError
 from perdure.robots.contract import Command, Contract, FloatArray, read_contract
@@ -50,14 +51,15 @@ def compiled(contract: Contract, visual: bool) -> Any:
     try:
         spec = mujoco.MjSpec.from_file(contract.model)
         limits = {each.target: _torque_limit(each) for each in spec.actuators}
+        unset = mujoco.MjSpec().default  # what is added takes nothing from the model's own defaults
         for each in (*spec.keys, *spec.sensors, *spec.actuators):
             spec.delete(each)
         if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.worldbody.geoms):
-            floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
+            floor = spec.worldbody.add_geom(unset, name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
             if visual:
                 _decorate(spec, floor)
         for index, name in enumerate(contract.joints):
-            _add_controller(spec, contract, index, limits.get(name, math.inf))
+            _add_controller(spec, contract, index, limits.get(name, math.inf), unset)
         if missing := [name for name in contract.trunk if spec.body(name) is None]:
             raise PerdureError(f"trunk: {contract.model} has no body {', '.join(missing)}")
         spec.option.timestep = contract.time_step
@@ -75,9 +77,9 @@ def compiled(contract: Contract, visual: bool) -> Any:
 
 def sources(task: str) -> dict[str, str]:
     """Return the SHA-256 of what results depend on: the contract, and the compiled model with its meshes."""
-    model = compiled(read_contract(task), False)
+    model = compiled(contract := read_contract(task), False)
     mujoco.mj_saveModel(model, None, data := np.empty(mujoco.mj_sizeModel(model), np.uint8))
-    return {"robot": sha256(Path(task).read_bytes() + data.tobytes()).hexdigest()}
+    return {"robot": sha256(repr(replace(contract, model="")).encode() + data.tobytes()).hexdigest()}
 
 
 def _torque_limit(actuator: Any) -> float:
@@ -101,7 +103,7 @@ def _decorate(spec: Any, floor: Any) -> None:
     spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.45] * 3
 
 
-def _add_controller(spec: Any, contract: Contract, index: int, limit: float) -> None:
+def _add_controller(spec: Any, contract: Contract, index: int, limit: float, unset: Any) -> None:
     """Add a joint's controller to the model, and change the joint where the contract says so."""
     name = contract.joints[index]
     joint = spec.joint(name)
@@ -117,7 +119,7 @@ def _add_controller(spec: Any, contract: Contract, index: int, limit: float) -> 
     elif joint.actfrcrange[0] < joint.actfrcrange[1]:
         limit = min(limit, float(joint.actfrcrange[1]))
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # it would cut a higher or disturbed limit
-    made = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    made = spec.add_actuator(unset, name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     made.gaintype, made.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     stiffness, damping = (float(contract.values(field)[index]) for field in ("stiffness", "damping"))
     made.gainprm[0], made.biasprm[1], made.biasprm[2] = stiffness, -stiffness, -damping
@@ -163,7 +165,7 @@ class Schedule:
             script, period = self._contract.script, self._contract.repeat
             within = math.fmod(seconds + 1e-9, period)
             now = max(row for row, each in enumerate(script) if each[0] <= within)
-            ends = script[now + 1][0] if now + 1 < len(script) else period
+            ends = min([period, *(each[0] for each in script[now + 1 :])])
             self.command, self._until = script[now][1:], seconds + ends - within
         return self.command
 

@@ -234,8 +234,10 @@ class Store:
             raise PerdureError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
         folder = self._hidden("working") / _flat(unit.key)
         folder.mkdir(parents=True, exist_ok=True)
-        if {RECORD} < {each.name for each in folder.iterdir()}:  # an attempt that left nothing blocks nobody
+        if {RECORD} < {each.name for each in folder.iterdir()}:
             Identity.read(folder).check_same(unit, str(folder))
+        else:  # an attempt that left nothing blocks nobody, and made nothing
+            (folder / RECORD).unlink(missing_ok=True)
         unit.write(folder)
         return folder
 

@@ -364,7 +364,7 @@ class TestTime:
         np.testing.assert_allclose(found["return"], own["return"], rtol=1e-3)
         assert found["clock"].unique().to_list() == ["constant(300)"]
         with pytest.raises(PerdureError, match="stores no clock; name one"):
-            perdure.extrapolate(path, env="Hopper-v3", steps=60)
+            perdure.extrapolate([path, "Hopper-v3/geometric"], env="envpool:Hopper-v3", steps=60, on="here")
 
     def test_a_running_clock_is_refused(self, tmp_path):
         path = export_onnx(POLICIES["geometric"], tmp_path / "runs.onnx", Periodic(300.0))

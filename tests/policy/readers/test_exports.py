@@ -402,7 +402,7 @@ class TestCheckpointsOfRslRl:
             assumed = import_once(path, tmp_path / "imported", "Pendulum-v1")
         assert load_policy(assumed).activation == "elu"
         (tmp_path / "params").mkdir()
-        (tmp_path / "params" / "agent.yaml").write_text("actor:\n  activation: lrelu\ncritic:\n  activation: lrelu\n")
+        (tmp_path / "params" / "agent.yaml").write_text("actor:\n  activation: lrelu\ncritic:\n  activation: elu\n")
         assert load_policy(import_once(path, tmp_path / "imported", "Pendulum-v1")).activation == "leaky_relu"
         assert import_rsl_rl(path, "Pendulum-v1", activation="tanh", measure=False).activation == "tanh"
 

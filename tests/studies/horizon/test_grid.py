@@ -48,7 +48,7 @@ def test_rows_are_known_methods_and_none_stands_twice(grid):
 
 
 def test_phases_without_a_row_are_refused():
-    with pytest.raises(PerdureError, match="its phases are 1"):
+    with pytest.raises(PerdureError, match="has no work in phases"):
         make_grid("smoke", (5,))
 
 

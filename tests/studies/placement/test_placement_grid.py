@@ -44,7 +44,7 @@ def test_phases_choose_rows():
 
 
 def test_a_phase_without_work_is_refused():
-    with pytest.raises(PerdureError, match=r"its phases are 1$"):
+    with pytest.raises(PerdureError, match=r"smoke has no work in phases 6$"):
         make_grid("smoke", (6,))
 
 

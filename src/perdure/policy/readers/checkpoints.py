@@ -155,6 +155,7 @@ def import_rsl_rl(
 def _activation(path: Path) -> str:
     written = path.parent / "params" / "agent.yaml"
     text = read_bounded(written, 1_000_000).decode("utf-8", "replace") if written.is_file() else ""
+    text = re.split(r"^ *critic:", text, flags=re.MULTILINE)[0]
     if len(found := set(re.findall(r"^ +activation: *['\"]?(\w+)", text, re.MULTILINE))) == 1:
         return str(found.pop())
     text = f"{path} does not name its activation function, nor does {written}; elu is assumed, rsl_rl's default"
