@@ -187,8 +187,7 @@ class Registered(ABC):
         found: dict[str, type[Self]] = {}
         for kind in _subclasses(cls):
             if not inspect.isabstract(kind):
-                other = found.get(kind.name, kind)
-                if _path(other) != _path(kind):
+                if _path(other := found.get(kind.name, kind)) != _path(kind):
                     raise PerdureError(
                         f"{_path(other)} and {_path(kind)} are both named {kind.name!r}: give one another name"
                     )
