@@ -92,7 +92,8 @@ def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
     rows, rng = [], np.random.default_rng(0)
     new = [each for each in CONDITIONS if each.name not in PREDICTORS]
     for threshold in THRESHOLDS:
-        holds = pl.col("left") & (pl.col("policy_state") == "worked") & (pl.col("end_score_vs_training") >= threshold)
+        enough = pl.col("end_score_vs_training").is_between(threshold, np.inf)  # nan >= threshold is true in Polars
+        holds = pl.col("left") & (pl.col("policy_state") == "worked") & enough
         shares = (
             episodes.group_by("task", "preset", "method", "train_seed", "condition")
             .agg(holds.mean().alias("share"))

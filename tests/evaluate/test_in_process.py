@@ -174,6 +174,8 @@ class TestEnvironments:
         vector.reset(seed=[1_000_000, 1_000_001, 1_000_002])
         cut = [vector.step(np.zeros((3, 1)))[3].all() for _ in range(10)]
         assert cut == [False] * 9 + [True], "the vector has its limit back"
+        with pytest.raises(PerdureError, match="build it with a max_episode_steps"):
+            extrapolate(still, AsyncVectorEnv([lambda: TimeLimit(limited(), 5)] * 2), steps=70, eval_seeds=4)
 
     def test_the_training_horizon_is_the_environments_limit_unless_it_is_given(self):
         def longest(env, **options):

@@ -361,6 +361,14 @@ class TestFigures:
     def test_a_run_without_a_failure_is_marked_in_the_plane(self, synthetic):
         found, _ = drawn(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))
         assert [row["x"] for row in rows(found["plane"], "text") if row.get("text") == "\u2192"] == [800_000.0] * 2
+        silent = (pl.col("train_seed") == 0) & (pl.col("eval_seed") < 4)
+        some = synthetic([{"rate": 2.0}], train_seeds=(0, 1)).with_columns(
+            outcome=pl.when(silent).then(pl.lit("fails silently")).otherwise("outcome"),
+            failed_step=pl.when(silent).then(0).otherwise("failed_step"),
+        )
+        plane = drawn(some)[0]["plane"]
+        assert [row["x"] for row in rows(plane, "text") if row.get("text") == "\u2192"] == [800_000.0]
+        assert sorted(row["x"] for row in rows(plane, "point", opacity=1)) == [100_000.0, 800_000.0]
 
     def test_scores_a_little_below_zero_are_drawn(self, synthetic):
         found, _ = drawn(synthetic([{"rate": 2.0, "end_score_vs_training": -0.004}]))

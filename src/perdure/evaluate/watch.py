@@ -453,7 +453,7 @@ def draw_stills(
     with closing(render_env.build()) as env:
         at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"
         apart = max(1, round(seconds / _step_seconds(env)))
-    captions = {1: "start", max(1, at - apart): f"{seconds:g} s before", at: episode.outcome}
+    captions = {max(1, at - apart): f"{seconds:g} s before", 1: "start", at: episode.outcome}
     captions[at + apart] = f"{seconds:g} s after"
     with ExitStack() as stack:
         take: Callable[[], Picture] | None = None

@@ -166,7 +166,7 @@ class Verdict:
     def within(self) -> int:
         """Number of calm episodes that ended within the training horizon, if most did; else 0."""
         group = self.group
-        early = (group["end_step"] <= group.train_horizon)[np.isin(group.verdicts, ENDS)].sum()
+        early = (group["end_step"] <= group.train_horizon)[np.isin(group.verdicts, [self.label])].sum()
         known = self.label in ENDS and group.calm and np.isfinite(group.train_horizon)
         return int(early) if known and 2 * early > group.episodes else 0
 

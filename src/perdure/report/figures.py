@@ -196,11 +196,11 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
         steps = np.minimum(group.steps[places], group["end_step"])
         points = []
         for run in np.unique(group.runs):
-            mine = (group.runs == run) & (times > 0)
+            mine, failures = (group.runs == run) & (times > 0), failed[group.runs == run].sum()
             if mine.any():
                 speed = earned[mine].sum() / steps[mine].sum() - group["idle_rate"][mine].mean()
-                points.append((times[mine].sum() / max(failed[mine].sum(), 1), speed))
-                if not failed[mine].any():
+                points.append((times[mine].sum() / max(failures, 1), speed))
+                if not failures:
                     unfailed.append({"x": points[-1][0], "y": points[-1][1], "label": group.label, "text": "\u2192"})
         if points:
             x, y = np.array(sorted(points)).T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,10 @@ def test_foresight_is_blind_where_every_run_holds_when_calm() -> None:
     table = all_tables(pl.DataFrame(rows))["foresight"].filter(threshold=0.75)
     assert dict(table.select("verdict", "AUC").iter_rows()) == {"calm": 0.5, "standard-1": 1.0, "both": 1.0}
     assert table["runs that fail"].to_list() == [3, 3, 3]
+    first = (pl.col("condition") == "slope of 3 degrees") & (pl.col("train_seed") == 0)
+    score = pl.when(first).then(math.nan).otherwise("end_score_vs_training")
+    unjudged = pl.DataFrame(rows).with_columns(end_score_vs_training=score)
+    assert set(all_tables(unjudged)["foresight"]["runs that fail"]) == {4}, "what cannot be judged does not hold"
 
 
 def test_every_subject_is_planned_once_under_every_condition():
@@ -122,6 +127,8 @@ def test_cure_compares_steps_between_failures_with_those_of_ppo() -> None:
     assert geometric["low"] > 3.0
     assert geometric["speed against PPO"] == pytest.approx(0.9)
     assert (ppo["reaches the goal"], geometric["reaches the goal"]) == ("no", "yes")
+    standing = pl.DataFrame(rows).with_columns(policy_state=pl.lit("never worked"))
+    assert cure_table(standing, "0 to 4")["failures"].to_list() == [10, 10], "a robot that stands fails from the start"
 
 
 def test_the_numbers_that_the_page_has_of_the_cure_are_in_its_table():
