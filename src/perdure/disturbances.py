@@ -81,7 +81,6 @@ class Disturbance:
     level: float
 
     def __post_init__(self) -> None:
-        """Refuse kinds that do not exist and levels that mean nothing."""
         lookup(KINDS, self.name, "disturbance")
         if not 0.0 <= self.level < np.inf:
             raise PerdureError(f"the level of {self.name} must be 0 or more, got {self.level}")
@@ -139,7 +138,12 @@ def labels(disturbances: Sequence[Disturbance]) -> str:
 class Disturber:
     """What disturbances do to the actions, the robots and the observations of n lanes.
 
-    Call `begin` where an episode begins, `act` before each step, and `observe` for each observation.
+    Call `begin` where an episode begins, `act` before each step, and `observe` for each observation. `box` is the
+    lowest and the highest action, each of shape (action_size,), None where actions are not a box; the models of
+    `environments`, of Gymnasium's MuJoCo and one for each lane, are changed.
+
+    Raises:
+        PerdureError: If a disturbance cannot be applied here.
     """
 
     observation_std: FloatArray
@@ -155,19 +159,6 @@ class Disturber:
         observation_std: FloatArray | None,
         environments: Sequence[Any] = (),
     ) -> None:
-        """Check that these disturbances can be applied; change the models' factors.
-
-        Args:
-            name: Of the task, for messages.
-            disturbances: At most one of each kind, as `parse_disturbances` returns them.
-            seeds: Of the draws, one for each lane.
-            box: Lowest and highest action, each of shape (action_size,); None: actions are not a box.
-            observation_std: See the attribute; None: unknown.
-            environments: Of Gymnasium's MuJoCo, one for each lane; empty: there are none.
-
-        Raises:
-            PerdureError: A kind cannot be applied here.
-        """
         self.seeds, self._of = list(seeds), {each.name: each.level for each in disturbances}
         for kind in {"action_noise", "action_delay", "lag"} & self._of.keys():
             if box is None or not np.isfinite(box).all():

@@ -95,21 +95,20 @@ def _forget_opengl() -> None:
 
 
 class Renderer:
-    """Draws one model. Use it as a context manager in the thread that made it."""
+    """Draws one model. Use it as a context manager in the thread that made it.
+
+    Args:
+        model: A copy of the simulation's `MjModel`; its visual settings are changed.
+        size: Width and height of a picture in pixels.
+
+    Raises:
+        PerdureError: If no picture can be drawn on this machine.
+    """
 
     shadows: ClassVar[int] = 1024
     """Size of the shadow map in texels."""
 
     def __init__(self, model: Any, size: tuple[int, int]) -> None:
-        """Open an OpenGL context.
-
-        Args:
-            model: A copy of the simulation's `MjModel`; its visual settings are changed.
-            size: Width and height of a picture in pixels.
-
-        Raises:
-            PerdureError: If no picture can be drawn on this machine.
-        """
         import mujoco
 
         self._mujoco, self.model, self.size = mujoco, model, size
@@ -123,11 +122,9 @@ class Renderer:
         self.options = mujoco.MjvOption()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Release the graphics memory."""
         self._context.make_current()
         self._drawing.free()
         self._context.free()

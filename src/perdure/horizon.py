@@ -75,7 +75,6 @@ class HorizonProtocol:
     a normalized phi has different meanings in training and at deployment."""
 
     def __post_init__(self) -> None:
-        """Refuse contradictions."""
         if not (self.embedding is None or isinstance(self.embedding, Embedding)):
             raise PerdureError(
                 f"embedding must be an Embedding, such as Geometric(10), or None, got {self.embedding!r}"
@@ -255,7 +254,6 @@ class Geometric(Embedding):
     """Largest factor."""
 
     def __post_init__(self) -> None:
-        """Refuse factors outside [0, 1]."""
         if not isinstance(self.size, int) or self.size < 1:
             raise PerdureError(
                 f"a geometric embedding needs a whole number of components, at least 1, got {self.size!r}"
@@ -319,6 +317,9 @@ class TimeFeature(Embedding):
     | `countdown:C`, C > N | 1 until N steps are left, then down | - |
 
     The upper limit is 1 because at most N steps were left in training. An infinite T also gives 1.
+
+    Raises:
+        PerdureError: If steps is not a whole number of at least 1.
     """
 
     name: ClassVar[str] = "time_feature"
@@ -327,7 +328,6 @@ class TimeFeature(Embedding):
     """N, the steps of a training episode (`max_steps`)."""
 
     def __post_init__(self) -> None:
-        """Refuse an invalid number of steps."""
         _check_steps("the steps of a time feature", self.steps)
 
     size = 1
@@ -389,7 +389,11 @@ class HorizonDistribution(Registered):
 
 @dataclass(frozen=True)
 class Fixed(HorizonDistribution):
-    """T is always ``steps``."""
+    """T is always ``steps``.
+
+    Raises:
+        PerdureError: If steps is not a whole number of at least 1.
+    """
 
     name: ClassVar[str] = "fixed"
 
@@ -397,7 +401,6 @@ class Fixed(HorizonDistribution):
     """T."""
 
     def __post_init__(self) -> None:
-        """Refuse an invalid number of steps."""
         _check_steps("a fixed horizon", self.steps)
 
     @property
@@ -412,7 +415,11 @@ class Fixed(HorizonDistribution):
 
 @dataclass(frozen=True)
 class Uniform(HorizonDistribution):
-    """T is a whole number drawn uniformly from {low, ..., high} (thesis, 3.3.2)."""
+    """T is a whole number drawn uniformly from {low, ..., high} (thesis, 3.3.2).
+
+    Raises:
+        PerdureError: If low or high is not a whole number of at least 1, or low exceeds high.
+    """
 
     name: ClassVar[str] = "uniform"
 
@@ -422,7 +429,6 @@ class Uniform(HorizonDistribution):
     """T_max."""
 
     def __post_init__(self) -> None:
-        """Refuse an empty range."""
         _check_steps("the shortest horizon", self.low)
         _check_steps("the longest horizon", self.high)
         if self.low > self.high:
@@ -458,13 +464,15 @@ class Clock(Registered):
     """Map elapsed steps since reset to the (t, T) that the embedding receives.
 
     Subclasses are frozen dataclasses with one number, ``steps``, and use array operators only.
+
+    Raises:
+        PerdureError: If steps is negative or nan.
     """
 
     steps: float
     """The clock's one setting, in steps."""
 
     def __post_init__(self) -> None:
-        """Refuse a negative or undefined number of steps."""
         if not self.steps >= 0:
             raise PerdureError(f"a {self.name} clock needs 0 steps or more, got {self.steps}")
 
@@ -540,17 +548,9 @@ def parse_clock(text: str) -> Clock:
 
 
 class LaneClocks:
-    """The clocks of several lanes, evaluated in one call. Lanes with equal clocks are evaluated together."""
+    """The clocks of one or more lanes, evaluated in one call. Lanes with equal clocks are evaluated together."""
 
     def __init__(self, clocks: Sequence[Clock]) -> None:
-        """Keep one clock for each lane.
-
-        Args:
-            clocks: At least one.
-
-        Raises:
-            PerdureError: If there is none.
-        """
         if not clocks:
             raise PerdureError("LaneClocks needs at least one clock")
         lanes: dict[Clock, list[int]] = {}

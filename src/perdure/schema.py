@@ -128,7 +128,6 @@ class Parquet:
     """
 
     def __init__(self, content: bytes) -> None:
-        """Read the names and types of the columns, and the key-value metadata."""
         import polars as pl
 
         self._content = content
@@ -214,7 +213,7 @@ class Whole(Kind):
 
 
 class Real(Kind):
-    """A number, finite unless `infinite` or `unknown`."""
+    """A number, finite unless `infinite` (where a bound is LARGEST) or `unknown` (nan); `above`: not `low` itself."""
 
     def __init__(
         self,
@@ -224,15 +223,6 @@ class Real(Kind):
         infinite: bool = False,
         unknown: bool = False,
     ) -> None:
-        """Declare it.
-
-        Args:
-            low: Smallest number.
-            high: Largest number.
-            above: Whether `low` itself is not allowed.
-            infinite: Whether infinity is allowed where a bound is LARGEST.
-            unknown: Whether nan is allowed, for a number that is not known.
-        """
         words = f"a number {'above' if above else 'from'} {low:g} to {high:g}"
         words += " or infinite" * infinite + " or nan" * unknown
         low, high = (bound * math.inf if infinite and abs(bound) >= LARGEST else bound for bound in (low, high))

@@ -41,6 +41,15 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
 
     T comes from a separate random stream, seeded through ``reset(seed=...)``: same seed, same horizons, and the
     environment's own numbers stay what they are without the wrapper.
+
+    Args:
+        env: With no step limit below the longest T; ``gymnasium.make(name, max_episode_steps=-1)`` gives it none.
+        distribution: Distribution of T.
+        end: What reaching T means.
+
+    Raises:
+        PerdureError: If distribution or end are invalid, or the environment's own TimeLimit is shorter than the longest
+            T.
     """
 
     horizon: float
@@ -49,17 +58,6 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
     """Steps since reset."""
 
     def __init__(self, env: gymnasium.Env[Obs, Act], distribution: HorizonDistribution, end: End) -> None:
-        """Wrap an environment without a shorter step limit.
-
-        Args:
-            env: For one made by Gymnasium, ``gymnasium.make(name, max_episode_steps=-1)`` has no limit.
-            distribution: Distribution of T.
-            end: What reaching T means.
-
-        Raises:
-            PerdureError: If distribution or end are invalid, or the environment's own TimeLimit is shorter than the
-                longest T.
-        """
         if not isinstance(distribution, HorizonDistribution):
             raise PerdureError(
                 f"a horizon limit needs a HorizonDistribution, such as Uniform(200, 1000), got {distribution!r}"
@@ -109,6 +107,16 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
     ``TimeToGoObservation(env, Geometric(10), clock=Constant(500))``.
 
     The last observation of an episode contains phi(T, T): no steps left.
+
+    Args:
+        env: Contains a :class:`HorizonLimit`, unless a clock is given.
+        embedding: phi.
+        clock: Sets the time-to-go at deployment; None: the time-to-go of the training horizon.
+        dict: Observations are {"observation", "time_to_go"} instead of one flat vector, so that a normalizer can leave
+            phi out (Stable-Baselines3: ``VecNormalize(norm_obs_keys=["observation"])``).
+
+    Raises:
+        PerdureError: If there is neither a clock nor a HorizonLimit, or phi cannot be appended to the observations.
     """
 
     def __init__(
@@ -118,18 +126,6 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         clock: Clock | None = None,
         dict: bool = False,
     ) -> None:
-        """Wrap an environment.
-
-        Args:
-            env: Contains a :class:`HorizonLimit`, unless a clock is given.
-            embedding: phi.
-            clock: Sets the time-to-go at deployment; None: the time-to-go of the training horizon.
-            dict: Observations are {"observation", "time_to_go"} instead of one flat vector, so that a normalizer can
-                leave phi out (Stable-Baselines3: ``VecNormalize(norm_obs_keys=["observation"])``).
-
-        Raises:
-            PerdureError: If there is neither a clock nor a HorizonLimit, or phi cannot be appended to the observations.
-        """
         RecordConstructorArgs.__init__(self, embedding=embedding, clock=clock, dict=dict)
         super().__init__(env)
         self.embedding, self.clock = embedding, clock
@@ -168,6 +164,16 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     The equations and draws are those of ``perdure extrapolate --disturb`` for the same seed. Every episode has its own
     draws. Put it below the time limit and every normalizer, next to the environment itself.
+
+    Args:
+        env: Its actions are a box; pushes and factors need Gymnasium's MuJoCo.
+        disturbances: Such as ["action_noise:0.1", "push:0.5"]; at most one of each kind.
+        seed: Of the draws; None: the seed of `reset`, and of the first reset without one a random seed.
+        observation_std: Spread of each observation component, shape (observation_size,), for observation noise; such as
+            the square root of VecNormalize's `obs_rms.var`.
+
+    Raises:
+        PerdureError: If a disturbance is unknown, named twice or impossible here.
     """
 
     def __init__(
@@ -177,18 +183,6 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         seed: int | None = None,
         observation_std: Any = None,
     ) -> None:
-        """Wrap an environment.
-
-        Args:
-            env: Its actions are a box; pushes and factors need Gymnasium's MuJoCo.
-            disturbances: Such as ["action_noise:0.1", "push:0.5"]; at most one of each kind.
-            seed: Of the draws; None: the seed of `reset`, and of the first reset without one a random seed.
-            observation_std: Spread of each observation component, shape (observation_size,), for observation noise;
-                such as the square root of VecNormalize's `obs_rms.var`.
-
-        Raises:
-            PerdureError: If a disturbance is unknown, named twice or impossible here.
-        """
         RecordConstructorArgs.__init__(self, disturbances=disturbances, seed=seed, observation_std=observation_std)
         super().__init__(env)
         name = str(env.spec.id if env.spec else type(env.unwrapped).__name__)

@@ -8,7 +8,7 @@ import pytest
 
 from perdure.errors import OtherSourceWarning
 from perdure.runs import Store
-from perdure.runs.identity import PACKAGE, source_digest
+from perdure.runs.identity import PACKAGE, Identity, source_digest
 
 CONFIG = {"gamma": 1.0}
 
@@ -60,11 +60,15 @@ def test_who_takes_what_other_code_made_is_warned_and_gets_it(tmp_path, monkeypa
 def test_work_that_two_codes_shared_is_of_neither(tmp_path, monkeypatch):
     store = Store(tmp_path)
     become(monkeypatch, "old")
-    with pytest.raises(KeyboardInterrupt), store.workspace("run/a", CONFIG):
+    with pytest.raises(TypeError), store.workspace("run/a", CONFIG) as work:
+        (work.folder / "half").write_text((work.folder / "half").touch())
+    with pytest.raises(KeyboardInterrupt), store.workspace("run/b", CONFIG):
         raise KeyboardInterrupt
     become(monkeypatch, "new")
-    with store.workspace("run/a", CONFIG):
-        pass
+    for key in ("run/a", "run/b"):
+        with store.workspace(key, CONFIG):
+            pass
+    assert Identity.read(store.get("run/b")).sources == ("new",), "an attempt that left nothing made nothing"
     for now in ("old", "new"):
         become(monkeypatch, now)
         with pytest.warns(OtherSourceWarning):

@@ -14,7 +14,6 @@ from hypothesis import given, settings
 
 from perdure.errors import PerdureError
 from perdure.runs import Store, config_digest
-from perdure.runs.identity import Identity, source_digest
 from perdure.runs.store import read_progress
 
 KEY = "Hopper-v3/geometric/seed-0"
@@ -349,17 +348,6 @@ def test_a_workspace_begun_with_another_config_is_refused(tmp_path):
         (work.folder / "half").write_text(str(1 / (work.folder / "half").write_text("")))
     with pytest.raises(PerdureError, match="steps is 100 there and 200 here"), store.workspace("unit", {"steps": 200}):
         pytest.fail("the block must not run")
-
-
-def test_a_source_that_left_nothing_made_nothing(tmp_path, monkeypatch):
-    store = Store(tmp_path)
-    monkeypatch.setattr("perdure.runs.identity.source_digest", lambda: "before")
-    with pytest.raises(RuntimeError), store.workspace("unit", {}):
-        raise RuntimeError
-    monkeypatch.undo()
-    with store.workspace("unit", {}) as work:
-        (work.folder / "result").touch()
-    assert Identity.read(tmp_path / "unit").sources == (source_digest(),)
 
 
 def test_workspaces_of_nested_keys_do_not_meet(tmp_path):

@@ -326,8 +326,7 @@ def read_clock(flag: str, text: str | None, policy: PolicyLike, steps: int | Non
         steps: Steps of the episode; None if the command knows no end, so that a countdown must name its steps.
 
     Raises:
-        PerdureError: If the text is "default" and the policy has no time-to-go input.
-        PerdureError: If the text names no clock.
+        PerdureError: If the text is "default" and the policy has no time-to-go input, or the text names no clock.
     """
     from perdure.horizon import Countdown, parse_clock
 

@@ -73,7 +73,7 @@ def list_names() -> None:
     for table in (tasks, skills, kinds):
         for column in table.columns[:-1]:
             column.no_wrap = True
-        Console(markup=False).print(table)
+        Console(width=140, markup=False).print(table)
 
 
 def episode(

@@ -44,7 +44,7 @@ def disturbed_task(task: str, disturbances: Sequence[Disturbance]) -> str:
 
 
 class DisturbedWorld:
-    """A `World` whose lanes are disturbed; see `World` for its methods."""
+    """A `World`, not reset before, whose lanes are disturbed; PerdureError if they cannot be. Methods: see `World`."""
 
     def __init__(
         self,
@@ -53,18 +53,6 @@ class DisturbedWorld:
         seeds: Sequence[int],
         observation_std: FloatArray | None = None,
     ) -> None:
-        """Wrap a world that was not reset yet.
-
-        Args:
-            world: Its lanes are disturbed.
-            disturbances: At most one of each kind, as `parse_disturbances` returns them.
-            seeds: Of the draws, one for each lane.
-            observation_std: Spread of each observation component in training, shape (num_lanes, observation_size);
-                needed for observation noise.
-
-        Raises:
-            PerdureError: A kind cannot be applied to this world.
-        """
         self._world, self.infos = world, getattr(world, "infos", ())
         self.spec, self.spaces, self.num_lanes = world.spec, world.spaces, world.num_lanes
         self.abandon, self.close = world.abandon, world.close

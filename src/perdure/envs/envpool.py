@@ -35,21 +35,20 @@ class EnvPoolWorld(TrackedWorld):
     """Lanes of one EnvPool task (see `World`).
 
     EnvPool resets a finished environment when it is stepped again: that step ignores the action and pays 0. It never
-    happens here, because an ended lane is refused until `reset` has reset it inside EnvPool too.
+    happens here, because an ended lane is refused until `reset` has reset it inside EnvPool too. Nothing is simulated
+    before the first reset.
+
+    Args:
+        name: EnvPool's name of the task, e.g. "Hopper-v3".
+        suite: Goes into the spec.
+        seeds: One seed per lane, see `checked_seeds`.
+        threads: EnvPool's threads; results do not depend on it.
+
+    Raises:
+        PerdureError: If seeds are not legal or the task's actions are not one box.
     """
 
     def __init__(self, name: str, suite: str, seeds: Sequence[int], threads: int = 1) -> None:
-        """Build the pool; nothing is simulated before the first reset.
-
-        Args:
-            name: EnvPool's name of the task, e.g. "Hopper-v3".
-            suite: Goes into the spec.
-            seeds: One seed per lane, see `checked_seeds`.
-            threads: EnvPool's threads; results do not depend on it.
-
-        Raises:
-            PerdureError: If seeds are not legal or the task's actions are not one box.
-        """
         import envpool
 
         seeds = checked_seeds(seeds)

@@ -43,6 +43,16 @@ class GymnasiumWorld(TrackedWorld):
 
     A lane's seed goes into its first `reset`; later resets continue the environment's own generator, as Gymnasium
     intends. Stepping some lanes steps only their environments.
+
+    Args:
+        factories: One per lane, each returns a new environment of the same task. It should not be wrapped in
+            Gymnasium's TimeLimit, because lanes have no horizon; if it is, the limit is reported as `truncated`.
+        seeds: One per lane, see `checked_seeds`.
+        name: Goes into the spec.
+        default_horizon: Goes into the spec; None means the first environment's own limit.
+
+    Raises:
+        PerdureError: If seeds and factories do not match or the spaces do not fit the contract.
     """
 
     def __init__(
@@ -52,20 +62,6 @@ class GymnasiumWorld(TrackedWorld):
         name: str = "custom",
         default_horizon: int | None = None,
     ) -> None:
-        """Build the environments.
-
-        A factory should not wrap its environment in Gymnasium's TimeLimit: lanes have no horizon. If it does, the
-        limit is reported as `truncated`.
-
-        Args:
-            factories: One per lane, each returns a new environment of the same task.
-            seeds: One per lane, see `checked_seeds`.
-            name: Goes into the spec.
-            default_horizon: Goes into the spec; None means the first environment's own limit.
-
-        Raises:
-            PerdureError: If seeds and factories do not match or the spaces do not fit the contract.
-        """
         seeds = checked_seeds(seeds)
         if len(factories) != len(seeds):
             raise PerdureError(f"{name}: {len(factories)} environments need as many seeds, got {len(seeds)}.")

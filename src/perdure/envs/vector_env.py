@@ -31,6 +31,18 @@ class VectorEnvWorld(TrackedWorld):
     All three autoreset modes work: `AutoresetMode.DISABLED` is the plain one; with `NEXT_STEP` the self-made resets
     happen in ended lanes only; with `SAME_STEP` the last observation is taken from `info["final_obs"]`. Resetting some
     of the lanes needs a `VectorEnv` that follows Gymnasium's `options["reset_mask"]`; resetting all at once does not.
+
+    Args:
+        env: A `gymnasium.vector.VectorEnv`. Its environments should not have a TimeLimit; one is reported as
+            `truncated`.
+        seeds: One per environment, see `checked_seeds`.
+        name: Goes into the spec.
+        suite: Goes into the spec.
+        default_horizon: Goes into the spec; None means the environment's own limit.
+
+    Raises:
+        PerdureError: If seeds and environments do not match, the spaces do not fit the contract or the vector does not
+            say how it resets itself.
     """
 
     def __init__(
@@ -41,20 +53,6 @@ class VectorEnvWorld(TrackedWorld):
         suite: str = "Gymnasium",
         default_horizon: int | None = None,
     ) -> None:
-        """Build a world from a `VectorEnv`.
-
-        Args:
-            env: A `gymnasium.vector.VectorEnv`. Its environments should not have a TimeLimit; one is reported as
-                `truncated`.
-            seeds: One per environment, see `checked_seeds`.
-            name: Goes into the spec.
-            suite: Goes into the spec.
-            default_horizon: Goes into the spec; None means the environment's own limit.
-
-        Raises:
-            PerdureError: If seeds and environments do not match, the spaces do not fit the contract or the vector does
-                not say how it resets itself.
-        """
         from gymnasium.vector import AutoresetMode
 
         self._seeds = checked_seeds(seeds)

@@ -169,7 +169,6 @@ class TrackedWorld:
     """Entry of the environment's infos that `Step.successes` has; None: is_success, or else success."""
 
     def __init__(self, num_lanes: int) -> None:
-        """Start with no lane running."""
         self.num_lanes = num_lanes
         self.closed = False
         self._everyone = np.arange(num_lanes, dtype=np.int64)

@@ -42,10 +42,9 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
         out: The file. By default README.md in the policy's folder, or STEM.README.md if that holds several policies.
 
     Raises:
-        PerdureError: If the table holds no episode of this policy's file, the file to write is there and is no
-            card of ours, or ``out`` is missing for a policy of the package or of Hugging Face's cache.
-        PerdureError: If there is no such policy.
-        PerdureError: If the table cannot be read.
+        PerdureError: If there is no such policy, the table cannot be read or holds no episode of this policy's file,
+            the file to write is there and is no card of ours, or ``out`` is missing for a policy of the package or of
+            Hugging Face's cache.
     """
     file = find_policy(policy)
     subject = load_policy(file)

@@ -57,8 +57,8 @@ class Extrapolation:
     """A closed-loop evaluation over episodes = policies x clocks x evaluation seeds.
 
     Raises:
-        PerdureError: If there is no episode or no step, or a value is of another kind or out of range.
-        PerdureError: If a clock makes no sense.
+        PerdureError: If there is no episode or no step, a value is of another kind or out of range, or a clock makes no
+            sense.
     """
 
     policies: tuple[Path, ...]
@@ -95,7 +95,6 @@ class Extrapolation:
     """Episodes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
 
     def __post_init__(self) -> None:
-        """Refuse an evaluation of nothing."""
         positive = dict.fromkeys(("steps", "eval_seeds", "max_episodes", "training_horizon"), 1)
         for name, least in {**positive, "first_eval_seed": 0}.items():
             if getattr(self, name) is not None:
@@ -291,11 +290,10 @@ MARGIN = 0.5
 class MovementRecorder:
     """Mean movement per step in the first and the last tenth of the test horizon, and training ranges left.
 
-    Movement of a step: the mean over components of |o_{t+1} - o_t| in training standard deviations.
+    Movement of a step: mean over components of |o_{t+1} - o_t| in training standard deviations of the episode's policy.
     """
 
     def __init__(self, policies: list[PolicyLike], steps: int) -> None:
-        """Start before the first step, with one policy for each episode."""
         episodes, size = len(policies), policies[0].task.observation_size
         std = np.stack([policy.observation_std for policy in policies])
         self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
@@ -337,10 +335,9 @@ class MovementRecorder:
 
 
 class GoalRecorder:
-    """First success, longest stay at the goal and success at the last step of each episode."""
+    """First success, longest stay at the goal and success at the last step: `found`, see `EpisodeRecords.goals`."""
 
     def __init__(self, episodes: int) -> None:
-        """Start before the first step; `found`: see `EpisodeRecords.goals`."""
         self.found, self._stay = np.full((3, episodes), np.nan), np.zeros(episodes)
 
     def take(self, episodes: NDArray[np.int64], successes: FloatArray | None, step: int) -> None:
@@ -398,10 +395,9 @@ def evaluate_episodes(
         success: See `Extrapolation`.
 
     Raises:
-        PerdureError: If there is no episode or no step, or an episode names a policy that there is not.
-        PerdureError: If episodes differ in their steps or disturbances.
-        PerdureError: If a policy does not fit its clock or the world, or the world has another number of lanes.
-        PerdureError: If the task's world cannot be built.
+        PerdureError: If there is no episode or no step, an episode names a policy that there is not, episodes differ in
+            their steps or disturbances, a policy does not fit its clock or the world, the world has another number of
+            lanes, or the task's world cannot be built.
     """
     if not episodes:
         raise PerdureError("there is no episode to evaluate: give at least one EpisodeSpec")

@@ -89,10 +89,9 @@ def extrapolate(
         The table of all episodes; as text, the verdicts.
 
     Raises:
-        PerdureError: If there is nothing to evaluate, a number makes no sense, an argument does not fit this
-            kind of policy, or ``out`` holds a table that would be lost.
-        PerdureError: If a policy does not fit its environment, or returns what is no action.
-        PerdureError: If an environment cannot be built or breaks its contract.
+        PerdureError: If there is nothing to evaluate, a number makes no sense, an argument does not fit this kind of
+            policy, ``out`` holds a table that would be lost, a policy does not fit its environment or returns what is
+            no action, or an environment cannot be built or breaks its contract.
     """
     check_on(on)
     core_count(cores)

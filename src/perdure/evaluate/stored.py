@@ -180,8 +180,7 @@ def read_file(path: str | Path, digest: str, task: str, horizon: int | None) -> 
         horizon: Training horizon of an ONNX model in steps; None: its own, or that of the task.
 
     Raises:
-        PerdureError: If the file has changed.
-        PerdureError: If it cannot be read.
+        PerdureError: If the file has changed or cannot be read.
     """
     if model_digest(Path(path)) != digest:
         raise PerdureError(f"{path} has changed since this evaluation began")
@@ -297,9 +296,8 @@ def evaluate_files(
         waiting: Called once before waiting, if another evaluation into ``out`` is running.
 
     Raises:
-        PerdureError: If the policies do not belong to one task, or ``out`` holds the table of a function.
-        PerdureError: If a group of episodes failed, or ``cores`` or ``on`` is out of range.
-        PerdureError: If a policy file cannot be read.
+        PerdureError: If the policies do not belong to one task, ``out`` holds the table of a function, a group of
+            episodes failed, ``cores`` or ``on`` is out of range, or a policy file cannot be read.
         OSError: If ``out`` cannot be written.
     """
     check_on(on)

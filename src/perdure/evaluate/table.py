@@ -45,7 +45,6 @@ class ExtrapolationResult:
     """SHA-256 of each policy file by `file_note`: stored with the table, so that a card can check its policy."""
 
     def __str__(self) -> str:
-        """Return the verdict on each policy and clock, and the summary table."""
         from perdure.report import summary_text
 
         return summary_text(self.frame)

@@ -241,16 +241,9 @@ def find_render_env(task: str) -> RenderEnv:
 
 
 class Judge:
-    """Judges episodes of one policy; also measures its episodes within the training horizon."""
+    """Judges one policy's episodes, `steps` long if nothing ends them; measures it within the training horizon too."""
 
     def __init__(self, policy: PolicyLike, source: OpenEnv, steps: int) -> None:
-        """Measure idle robots and the policy itself.
-
-        Args:
-            policy: The policy.
-            source: The environment.
-            steps: Length of each episode in steps, if nothing ends it earlier.
-        """
         # The stored reference may have been measured with another engine.
         measured = with_reference(replace(policy, reference=None) if isinstance(policy, Policy) else policy, source)
         assert measured.reference is not None
@@ -318,10 +311,9 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
 
 
 class RobotCamera(Renderer):
-    """A camera that follows the robot of one environment."""
+    """A camera that follows the robot of one MuJoCo environment of Gymnasium."""
 
     def __init__(self, env: Any, size: tuple[int, int]) -> None:
-        """See `Renderer`; `env` is a MuJoCo environment of Gymnasium."""
         import mujoco
 
         model, self._data = copy(env.unwrapped.model), env.unwrapped.data

@@ -46,13 +46,16 @@ TITLE, WORDS, SMALL = 18, 18, 13
 
 @dataclass(frozen=True)
 class Agent:
-    """What acts: the policies of a training seed in a protocol."""
+    """What acts: the policies of a training seed in a protocol.
+
+    Raises:
+        PerdureError: If a policy is missing.
+    """
 
     protocol: EvaluationProtocol
     train_seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise PerdureError where a policy is missing."""
         _ = self.policies
 
     @cached_property

@@ -154,20 +154,11 @@ def direction_of(azimuth: float, elevation: float) -> FloatArray:
 
 
 class Studio(Renderer):
-    """Takes pictures of one simulator. Use it as a context manager in the thread that made it."""
+    """A `Renderer` of one simulator, built with visuals and not changed; PerdureError if the size is not possible."""
 
     shadows = 4096
 
     def __init__(self, simulator: Simulator, size: tuple[int, int] = (900, 600)) -> None:
-        """Set up lights and camera.
-
-        Args:
-            simulator: What to take pictures of; its scene should be built with visuals. It is not changed.
-            size: Width and height of the pictures in pixels.
-
-        Raises:
-            PerdureError: If the size is not possible, or no picture can be drawn on this machine.
-        """
         if not all(16 <= side <= LARGEST for side in size):
             raise PerdureError(f"a picture must be 16 to {LARGEST} pixels wide and high, not {size[0]} x {size[1]}")
         model = copy(simulator.model)  # walls are cut away in this one
@@ -247,11 +238,11 @@ class Studio(Renderer):
 class Follower:
     """A camera that follows the robot, from the direction with the best view of robot, hand and target.
 
-    It remembers where it is, so that it glides instead of jumping. Times are those on the screen.
+    It remembers where it is, so that it glides instead of jumping. Times are those on the screen. The simulator's
+    derived positions must be up to date.
     """
 
     def __init__(self, simulator: Simulator) -> None:
-        """Follow the robot of one simulator, whose derived positions are up to date."""
         self.simulator = simulator
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)

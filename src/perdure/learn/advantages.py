@@ -137,7 +137,6 @@ class AverageReward:
     """What a fall costs, in units of the task's reward (Zhang and Ross: 100)."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that no estimate can be made with."""
         for name, low, value in (("alpha", 1e-6, self.alpha), ("nu", 0.0, self.nu)):
             if not low <= value <= 1:
                 raise PerdureError(f"{name} of average-reward is {value!r}; it must be a number from {low} to 1")

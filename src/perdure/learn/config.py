@@ -80,7 +80,6 @@ class PPOConfig:
     hidden layers, see `perdure.learn.networks`."""
 
     def __post_init__(self) -> None:
-        """Refuse settings that cannot be trained."""
 
         def require(condition: bool, name: str, valid: str) -> None:
             if not condition:

@@ -87,17 +87,12 @@ class Running:
 
 
 class PPO:
-    """Proximal policy optimization for one task and configuration; keeps its compiled programs."""
+    """Proximal policy optimization for one configuration and task of continuous actions; keeps compiled programs."""
 
     diagnostics = (*LOSSES, "explained_variance", "std")
     """Names of `Metrics.diagnostics`, in their order."""
 
     def __init__(self, config: PPOConfig, spec: TaskSpec) -> None:
-        """Keep the settings; compilation happens at first use.
-
-        Raises:
-            PerdureError: The task has discrete actions.
-        """
         if spec.discrete_actions:
             raise PerdureError(f"{spec.name}: PPO here needs continuous actions (a Box); this task's are discrete")
         self._config, self._spec = config, spec

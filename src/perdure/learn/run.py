@@ -71,7 +71,12 @@ class Algorithm(Protocol):
 
 @dataclass(frozen=True)
 class TrainRun:
-    """A training run. Equal runs give the same files, bit for bit, on the same machine."""
+    """A training run. Equal runs give the same files, bit for bit, on the same machine.
+
+    Raises:
+        PerdureError: If there is no seed, one is named twice or out of range, the base method is unknown, or a
+            disturbance is unknown or impossible here.
+    """
 
     task: str
     method: str
@@ -89,13 +94,9 @@ class TrainRun:
     inputs: str = ""
     """Digest of the files that the task reads; "" for none."""
     disturb: tuple[str, ...] = ()
-    """What disturbs every training episode, all together, such as "push:0.5"; each episode has its own draws."""
+    """What disturbs every training episode, all at once, sorted, such as "push:0.5"; each episode has its own draws."""
 
     def __post_init__(self) -> None:
-        """Refuse a list of seeds that names no run, or one twice, an unknown base method, and impossible disturbances.
-
-        The disturbances are put in one order.
-        """
         disturbances = parse_disturbances(self.disturb)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
@@ -253,20 +254,9 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
 
 
 class Segments:
-    """Runs segments of one task and configuration; keeps compiled programs from segment to segment."""
+    """Runs segments of one task and configuration; keeps compiled programs. Results do not depend on `threads`."""
 
     def __init__(self, task: str, config: PPOConfig, threads: int, disturb: tuple[str, ...] = ()) -> None:
-        """Look the task up.
-
-        Args:
-            task: As `make_world` takes it.
-            config: How it is learned.
-            threads: Threads that step the environments; results do not depend on it.
-            disturb: What disturbs every episode, see `TrainRun`.
-
-        Raises:
-            PerdureError: The algorithm cannot learn the task.
-        """
         self.spec = task_spec(task)
         self._disturbances = parse_disturbances(disturb)
         self._task, self._config, self._threads = disturbed_task(task, self._disturbances), config, threads

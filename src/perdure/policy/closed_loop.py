@@ -100,18 +100,17 @@ class LoopStep:
 class ClosedLoop:
     """Step all running episodes until they end; ended episodes leave the batch.
 
+    Args:
+        world: Has one lane for each episode; a lane is an episode's place in the batch. Every lane is reset, with no
+            horizon.
+        policies: The policy of episode 0, 1, ...
+
     Raises:
         PerdureError: If the numbers of policies and episodes differ, a policy does not fit the world or its clock, or
             an episode starts with an observation that is not finite.
     """
 
     def __init__(self, world: World, policies: Sequence[EpisodePolicy]) -> None:
-        """Reset every lane of the world, with no horizon.
-
-        Args:
-            world: Has one lane for each episode; a lane is an episode's place in the batch.
-            policies: The policy of episode 0, 1, ...
-        """
         if len(policies) != world.num_lanes:
             raise PerdureError(f"{len(policies)} policies for {world.num_lanes} lanes; each lane needs one")
         for each in policies:

@@ -38,16 +38,14 @@ class DivergenceDetector:
     episode, from an ordinary pose, shows none of the three signs. For Gymnasium environments in this process, also
     inside a SyncVectorEnv, perdure reads MuJoCo's warnings, so that every divergence is detected. In other vector
     environments only sign 1 applies.
+
+    Args:
+        first_observations: Shape (episodes, d).
+        scale: Standard deviation of each component as the episode's policy knows it, shape (episodes, d).
+        hidden: Whether the engine hides divergences.
     """
 
     def __init__(self, first_observations: NDArray[np.float64], scale: NDArray[np.float64], hidden: bool) -> None:
-        """Start at the episodes' first observations.
-
-        Args:
-            first_observations: Shape (episodes, d).
-            scale: Standard deviation of each component as the episode's policy knows it, shape (episodes, d).
-            hidden: Whether the engine hides divergences.
-        """
         self._hidden = hidden
         self._first = first_observations.copy()
         # A component that never varied in training says nothing about distance.

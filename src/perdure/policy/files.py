@@ -237,7 +237,6 @@ class Description(Record, frozen=True):
     squash: Any = None
 
     def __post_init__(self) -> None:
-        """Check the version and the task, and what others read of the provenance."""
         if self.version not in VERSIONS:
             raise ValueError(f"its format is version {self.version}; versions 1 to {VERSIONS[-1]} are read")
         checked(self.task.name, Name, "task.name")

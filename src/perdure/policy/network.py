@@ -35,22 +35,16 @@ PROBES = 4
 
 
 class Perceptron:
-    """One network, ready to be applied."""
+    """One network, of weights ``{name}.{layer}.weight`` (in, out) and ``{name}.{layer}.bias`` (out,).
+
+    Hidden layers that phi modulates also have ``{name}.{layer}.scale`` and ``{name}.{layer}.shift``, both
+    (embedding_size, out); the last numbers of an input are then phi, see `FiLM`.
+
+    Raises:
+        PerdureError: If layers are missing or do not fit, or there is no such activation.
+    """
 
     def __init__(self, weights: Weights, name: str, activation: str) -> None:
-        """Build the network from ``{name}.{layer}.weight`` (in, out) and ``{name}.{layer}.bias`` (out,).
-
-        Hidden layers that phi modulates also have ``{name}.{layer}.scale`` and ``{name}.{layer}.shift``, both
-        (embedding_size, out); the last numbers of an input are then phi, see `FiLM`.
-
-        Args:
-            weights: All of a policy's weights.
-            name: "policy" or "value".
-            activation: One of ``ACTIVATIONS``, between layers.
-
-        Raises:
-            PerdureError: If layers are missing or do not fit, or there is no such activation.
-        """
         if activation not in ACTIVATIONS:
             raise PerdureError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
         self._activate, self._bounded = ACTIVATIONS[activation], activation in ("tanh", "sigmoid")
@@ -192,13 +186,12 @@ def _column_sum(product: RowInvariantMatmul) -> float:
 
 
 class RowInvariantMatmul:
-    """Rows times one matrix. Use it under `one_thread`.
+    """Rows times one matrix, shape (in, out). Use it under `one_thread`.
 
     The tile is the largest for which this machine's product gives a row the same result wherever in the tile it lies.
     """
 
     def __init__(self, matrix: Float32Array) -> None:
-        """Keep a matrix of shape (in, out); the tile is chosen at the first product."""
         self.matrix = matrix
 
     @cached_property

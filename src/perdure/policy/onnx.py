@@ -71,6 +71,10 @@ class OnnxModel:
     An input ``X_in`` with an output ``X_out`` of the same shape is a state, zero at first. Outputs besides actions and
     states are ignored.
 
+    Args:
+        data: The file, with its weights inside.
+        what: Which file it is, for messages.
+
     Raises:
         PerdureError: If it is no ONNX model, needs operators that are not in it or files that are not beside it, or has
             other inputs than one observation, state and, perhaps, `elapsed` and `horizon`, or its metadata name no
@@ -78,12 +82,6 @@ class OnnxModel:
     """
 
     def __init__(self, data: bytes, what: str) -> None:
-        """Load the model.
-
-        Args:
-            data: The file, with its weights inside.
-            what: Which file it is, for messages.
-        """
         require()
         with _refusing(what):
             self._open(data, what)

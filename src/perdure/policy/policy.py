@@ -58,7 +58,6 @@ class Policy:
     """How the network's output becomes an action: None cuts it to the action box."""
 
     def __post_init__(self) -> None:
-        """Refuse parts that do not fit together."""
         expected = self.task.observation_size + self.protocol.embedding_size
         if self._actor.input_size != expected:
             raise PerdureError(
@@ -250,13 +249,12 @@ class Policy:
 
 
 class PolicyEpisodes:
-    """The running episodes of one `Policy`, see `perdure.policy.closed_loop.ActingEpisodes`.
+    """The running episodes of one `Policy`, one for each clock, see `perdure.policy.closed_loop.ActingEpisodes`.
 
     A row's action depends on no other row. phi is computed once if all clocks are constant.
     """
 
     def __init__(self, policy: Policy, clocks: Sequence[Clock | None]) -> None:
-        """Begin one episode for each clock."""
         self._policy = policy
         self._set(list(clocks))
 
@@ -352,7 +350,6 @@ class TanhSquash:
     """The output is cut to +-limit before tanh; Stable-Baselines3's `clip_mean` (SAC and TQC with `use_sde`)."""
 
     def __post_init__(self) -> None:
-        """Refuse a limit that is no positive number."""
         if not (isinstance(self.limit, int | float) and self.limit > 0):
             raise PerdureError(f"the limit of a squashed output must be a positive number, got {self.limit!r}")
 

@@ -50,7 +50,6 @@ class Reference:
     """Largest value of each component of the observation, shape (observation_size,)."""
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not fit together."""
         episodes, bins = self.lengths.size, math.ceil(self.horizon / BIN_STEPS)
         low, high = self.observation_low, self.observation_high
         fits = (

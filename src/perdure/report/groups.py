@@ -106,7 +106,6 @@ class Group:
     """Shape (episodes, steps)."""
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column of `facts`, shape (episodes,)."""
         return self.facts[name].to_numpy()
 
     @property

@@ -28,7 +28,7 @@ from gymnasium.envs.mujoco import MujocoEnv
 from msgspec.structs import replace
 
 from perdure.errors import PerdureError
-from perdure.robots.contract import Command, Contract, FloatArray, read_contract
+from perdure.robots.contract import SIZES, Command, Contract, FloatArray, Term, read_contract
 
 LINEAR_VARIANCE, ANGULAR_VARIANCE = 0.25, 0.5
 """Of the tracking rewards, as in mjlab [m^2/s^2, rad^2/s^2]."""
@@ -146,10 +146,9 @@ def action_range(model: Any, contract: Contract) -> tuple[FloatArray, FloatArray
 
 
 class Schedule:
-    """The velocity command at each time of an episode."""
+    """The velocity command of a contract at each time of an episode; call `begin` before one."""
 
     def __init__(self, contract: Contract) -> None:
-        """Read it from a contract; call `begin` before an episode."""
         self._contract, self.command = contract, contract.command
 
     def begin(self, rng: np.random.Generator) -> None:
@@ -174,10 +173,8 @@ class Observer:
     """Observations of a contract: terms of `raw`, scaled and clipped, and their history."""
 
     def __init__(self, contract: Contract) -> None:
-        """Lay out the terms and their history."""
-        joints, phases, terms = len(contract.joints), len(contract.gait_offsets), contract.terms
-        sizes = {"base_lin_vel": 3, "base_ang_vel": 3, "projected_gravity": 3, "command": 3, "joint_pos": joints}
-        sizes |= {"joint_vel": joints, "actions": joints, "sin_phase": phases, "cos_phase": phases}
+        terms = contract.terms
+        sizes = {name: contract.size(Term(name)) for name in SIZES if not name.startswith("command_")}
         ends = np.cumsum(list(sizes.values())).tolist()
         self.slots = {name: slice(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)}
         """Where each term is in `raw`."""
@@ -214,10 +211,9 @@ class Observer:
 
 
 class Walk:
-    """Measures of a walk; a commanded path begins anew, where the robot is, every minute."""
+    """Measures of a walk from the origin along x; a commanded path begins anew, where the robot is, every minute."""
 
     def __init__(self) -> None:
-        """Begin at the origin, heading along x."""
         self._seconds = self._error = self._energy = self._length = self._yaw = self._last = 0.0
         self._turned, self._aside, self._minutes = 0.0, 0.0, 0
         self._anchor(0.0, 0.0)

@@ -70,10 +70,9 @@ def _watch_calls() -> None:
 
 
 class Lines:
-    """Prints a line now and then, the first one after LINE_SECONDS: short runs stay silent."""
+    """Prints a line now and then, the first one after LINE_SECONDS: short runs stay silent. See `show_progress`."""
 
     def __init__(self, title: str, measure: str) -> None:
-        """Keep what runs, and what units count; see `show_progress`."""
         _watch_calls()
         self._title, self._pace = title, _Pace(measure)
         self._began = self._printed = time.monotonic()

@@ -71,9 +71,8 @@ def run_missing(
             ends the run.
 
     Raises:
-        PerdureError: Units failed; raised when nothing more can be run.
-        PerdureError: `on` or `cores` is out of range, a unit cannot be stored or was finished with another config, or
-            two of one key differ.
+        PerdureError: Units failed (raised when nothing more can be run), `on` or `cores` is out of range, a unit cannot
+            be stored or was finished with another config, or two of one key differ.
     """
     store = Store(root)
     missing = [unit for unit in units if not store.done(unit.key, unit.config)]

@@ -102,19 +102,13 @@ class Ended:
 
 
 class LocalWorkers:
-    """Processes on this machine, each bound to idle cores if there are enough.
+    """`count` processes on this machine, each bound to `cores` idle cores if there are enough.
 
     They are started by a command line rather than by `multiprocessing`, so the caller's script is not imported again
     and needs no main guard.
     """
 
     def __init__(self, count: int, cores: int = 1) -> None:
-        """Keep the settings; processes start with their units.
-
-        Args:
-            count: Processes, at least 1.
-            cores: Cores of each.
-        """
         if count < 1 or cores < 1:
             raise ValueError(f"count and cores must be at least 1, got {count} and {cores}")
         self._count, self._cores = count, cores
@@ -130,7 +124,6 @@ class LocalWorkers:
         return len(self._idle) + len(self._places)
 
     def __enter__(self) -> Self:
-        """Choose the cores."""
         free = self._stack.enter_context(own_cores(self._count * self._cores))
         shares = [free[k * self._cores : (k + 1) * self._cores] for k in range(self._count)]
         self._places = [share if len(share) == self._cores else () for share in shares]
@@ -283,19 +276,11 @@ class RayWorkers:
     """Tasks on a Ray cluster, as many at once as it has cores for. Needs the extra ``perdure[ray]``.
 
     Every node must see the store's folder under the same path (a shared file system), with perdure installed. A task on
-    a node that dies is started again on another one and resumes from the unit's checkpoint.
+    a node that dies is started again on another one and resumes from the unit's checkpoint. `address` is that of a
+    running cluster, such as "auto" or "host:6379"; None starts Ray on this machine.
     """
 
     def __init__(self, address: str | None = None, cores: int = 1) -> None:
-        """Keep the address; the connection is made on entry.
-
-        Args:
-            address: Of a running cluster, such as "auto" or "host:6379"; None starts Ray on this machine.
-            cores: Cores of each task.
-
-        Raises:
-            PerdureError: If Ray is not installed.
-        """
         try:
             import ray
         except ImportError:
@@ -312,7 +297,6 @@ class RayWorkers:
         return max(0, max(1, total) - len(self._keys))
 
     def __enter__(self) -> Self:
-        """Connect to the cluster."""
         if not self._ray.is_initialized():
             environment = {"env_vars": {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}}
             self._ray.init(address=self._address, runtime_env=environment, log_to_driver=False, configure_logging=False)
@@ -342,7 +326,6 @@ class RayWorkers:
         return ended
 
     def __exit__(self, *exception: object) -> None:
-        """Cancel what still runs, and leave the cluster."""
         for reference in self._keys:
             self._ray.cancel(reference, force=True)
         self._keys.clear()

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import outcomes
@@ -216,8 +215,8 @@ def _frame(columns: Columns, rows: Iterable[tuple[EpisodeLog, Any]]) -> pl.DataF
 def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
     """Return one row per task, split, strategy, way of counting and stage; the last stage is the task's success.
 
-    Columns: `episodes` and `runs` that were counted, `mean` and `standard_error` over the runs (nan for one run),
-    `lower` and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
+    Columns: `episodes` and `runs` that were counted, `standard_error` over the runs (nan for one run), `mean`, `lower`
+    and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
 
     Args:
         logs: The episodes.
@@ -235,30 +234,20 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
         for counting in COUNTINGS:
             count = outcomes.latched if counting == "latched" else outcomes.stages_stabilizing
             reached = np.array([count(log) for log in part], dtype=np.float64)
-            mean, error = over_runs(reached, runs)
+            means = np.stack([reached[runs == run].mean(axis=0) for run in np.unique(runs)])
+            error = (
+                means.std(axis=0, ddof=1) / math.sqrt(len(means)) if len(means) > 1 else np.full(len(means[0]), np.nan)
+            )
             episodes, index = np.unique([seeds, [log.index for log in part]], axis=1, return_inverse=True)
             by_episode = [reached[index.ravel() == k].mean(axis=0) for k in range(episodes.shape[1])]
             found = survival_interval(by_episode, episodes[0], rng)
             stages = [stage.name for stage in part[0].home_task.stages]
             counts = {"episodes": len(part), "runs": len(set(runs))}
-            shares = {"mean": mean, "standard_error": error, "lower": found.lower, "upper": found.upper}
+            shares = {"mean": found.estimate, "standard_error": error, "lower": found.lower, "upper": found.upper}
             how = {"units": found.label, "method": found.method}
             first = {**dict(zip(GROUP, group, strict=True)), "counting": counting}
             parts.append(pl.DataFrame({**first, "stage": stages, **counts, **shares, **how}))
     return pl.concat(parts).with_columns(pl.col("episodes", "runs").cast(pl.Int64))
-
-
-def over_runs(values: FloatArray, runs: NDArray[np.str_]) -> tuple[FloatArray, FloatArray]:
-    """Return the mean of the runs' means and its standard error s / sqrt(n), n - 1 degrees of freedom; nan for one run.
-
-    Args:
-        values: One row per episode. Shape (episodes, *).
-        runs: Which run each episode belongs to. Shape (episodes,).
-    """
-    means = np.stack([values[runs == run].mean(axis=0) for run in np.unique(runs)])
-    n = len(means)
-    error = means.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.full(means.shape[1:], np.nan)
-    return means.mean(axis=0), error
 
 
 def success_table(episodes: pl.DataFrame, stages: pl.DataFrame) -> pl.DataFrame:

@@ -168,9 +168,9 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
         notes: Goes into the file's metadata, such as `policies` and `command`.
 
     Raises:
-        PerdureError: If there are no logs, an episode is there twice, a value is out of range, or a note is no text or
-            has a reserved name.
-        PerdureError: If the file cannot be written; an old one is untouched, the message says where the logs are kept.
+        PerdureError: If there are no logs, an episode is there twice, a value is out of range, a note is no text or has
+            a reserved name, or the file cannot be written (an old one is untouched, the message says where the logs are
+            kept).
     """
     check_distinct(logs, f"the logs for {os.fspath(path)}")
     reserved = [name for name, value in notes.items() if name in _RESERVED or not isinstance(value, str)]

@@ -114,7 +114,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Track:
-    """The path of an object. Steps at which it had hardly moved since the step before are left out."""
+    """The path of an object. Steps at which it had hardly moved since the step before are left out.
+
+    Raises:
+        PerdureError: If there are no steps, they are out of order, or lengths differ.
+    """
 
     step: Annotated[IntArray, Column("steps", _STEP, narrow=True, shortest=1)]
     """Shape (n,)."""
@@ -132,7 +136,6 @@ class Track:
     """Shape (n, 3)."""
 
     def __post_init__(self) -> None:
-        """Lengths that differ, no steps, or steps out of order raise PerdureError."""
         n = len(self.step)
         lengths = {len(each) for each in (self.position, self.up, self.gripper, self.base)}
         if n == 0 or lengths != {n} or (np.diff(self.step) <= 0).any():
@@ -191,6 +194,9 @@ class EpisodeLog:
     """The log of one executed episode; any simulator can make one.
 
     Two logs are equal only if they are the same object, so that counts can be cached with a log.
+
+    Raises:
+        PerdureError: With the log's name, if it contradicts itself.
     """
 
     task: Annotated[str, Column("name of the task", Choice(tuple(TASKS)))]
@@ -216,7 +222,6 @@ class EpisodeLog:
     """Every pose at every step; files do not keep it."""
 
     def __post_init__(self) -> None:
-        """A log that contradicts itself raises PerdureError with its name."""
         about = [*(run.target for run in self.runs), *(release.target for release in self.releases)]
         for wrong, sentence in (
             (not self.strategy, "no strategy: it must name what was run"),
@@ -291,7 +296,11 @@ _DOORS = [predicate(f"{name}()") for name in PREDICATES if name.endswith(("drawe
 
 @dataclass(frozen=True)
 class History:
-    """An episode and the settling time after it, step by step."""
+    """An episode and the settling time after it, step by step.
+
+    Raises:
+        PerdureError: If there are no steps, or arrays differ in length.
+    """
 
     facts: WorldFacts
     """Targets, goals, held, drawer, fridge. Leading axis (steps,)."""
@@ -308,7 +317,6 @@ class History:
     control_hz: float
 
     def __post_init__(self) -> None:
-        """Arrays of different lengths raise PerdureError."""
         lengths = {e.name: len(getattr(self, e.name)) for e in fields(self) if e.name != "control_hz"}
         if len(set(lengths.values())) != 1 or not len(self.facts):
             raise PerdureError(f"a history needs as many steps of everything, and at least one; it has {lengths}")

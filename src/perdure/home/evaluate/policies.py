@@ -180,7 +180,8 @@ def choose_policies(
             seeds = shipped_seeds(task, policy)
             path = list(seeds.values())[train_seed] if 0 <= train_seed < len(seeds) else None
             if path is None and ((seeds and train_seed != UNTRAINED) or policy not in ("place", skill)):
-                flags = f"--task {task} {release.flags if skill == 'place' else ''}--seeds {train_seed}"
+                variant, home = release.flags if skill == "place" else "", LEARNED_ON.get(skill, task)
+                flags = f"--task {home} {variant}--seeds {train_seed}"
                 raise PerdureError(
                     f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
                     f"{len(seeds)}): train one (perdure home train {skill} {flags}) and name it: --policies "
@@ -191,7 +192,7 @@ def choose_policies(
         if path is not None and not path.exists():
             raise PerdureError(f"there is no policy {path} for {skill}")
         result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(f"{path}{clock}", file_digest(path))
-        if path is not None and (clock or timed or not path.is_relative_to(SHIPPED)):
+        if path is not None and (named is not None or timed):
             acting = result[skill].policy  # what is no policy, or does not fit, is refused before anything runs
             assert acting is not None
             if (timed or result[skill].clock) and not acting.has_clock:

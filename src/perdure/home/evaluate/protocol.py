@@ -39,7 +39,11 @@ Policies = Mapping[SkillName, SkillPolicy]
 
 @dataclass(frozen=True)
 class EvaluationProtocol:
-    """What to run."""
+    """What to run.
+
+    Raises:
+        PerdureError: If there is no such task, split or strategy, or a number is out of range.
+    """
 
     task: str
     place: str = "rl"
@@ -53,7 +57,6 @@ class EvaluationProtocol:
     options: ExecutorOptions = field(default_factory=ExecutorOptions)
 
     def __post_init__(self) -> None:
-        """Whatever is no task, split, strategy or count raises PerdureError."""
         count = len(load_episodes(self.task, self.split))
         if not 1 <= self.episodes <= count:
             raise PerdureError(f"episodes must be 1 to {count}, not {self.episodes}")

@@ -24,7 +24,7 @@ from perdure.home.sim.robot import JOINTS, add_fetch
 CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""
 PHYSICS_HZ = 120
-"""Physics steps per second, as in M3 and habitat-lab; `docs/home/world.md` shows what 60, 240 and 480 change."""
+"""Physics steps per second, as in M3 and habitat-lab."""
 SERVO_HZ = 120
 """Smallest physics rate at which the robot's servos follow their targets; at 30 Hz the arm lags by 0.4 rad."""
 LEVERS = (0.0, 0.0001, 0.0004, ROLLING)

@@ -180,18 +180,9 @@ _ENTRY = b"PK\x01\x02"
 
 
 class ZipMembers:
-    """An untrusted zip archive in memory: sizes are checked before and during reading."""
+    """An untrusted zip archive in memory, its sizes checked before and during reading; PerdureError if damaged."""
 
     def __init__(self, data: bytes, what: str) -> None:
-        """Read the table of contents.
-
-        Args:
-            data: The archive.
-            what: Which file it is, for messages.
-
-        Raises:
-            PerdureError: If it is no zip archive, is damaged or has too many members.
-        """
         self._what = what
         missing = f"{what} is not a zip archive, or its end is missing"
         if data.count(_ENTRY) > MAX_MEMBERS:
@@ -253,19 +244,10 @@ class TorchState:
     """The tensors of a state dict, or of those in a dict, as "KEY.NAME"; numbers are read when they are asked for.
 
     `torch.save` (since version 1.6) writes a zip archive: a pickle that describes the tensors, and one member with the
-    raw numbers of each storage.
+    raw numbers of each storage. PerdureError if damaged, too large, or asking for functions that no state dict needs.
     """
 
     def __init__(self, data: bytes, what: str) -> None:
-        """Read the description of the tensors.
-
-        Args:
-            data: What `torch.save` wrote of `module.state_dict()`, or of a dict of these.
-            what: Which file it is, for messages.
-
-        Raises:
-            PerdureError: If it is damaged, asks for functions that a state dict does not need, or is too large.
-        """
         self._what = what
         if data[:2] != b"PK":
             raise PerdureError(

@@ -193,6 +193,9 @@ def test_an_episode_that_several_evaluation_seeds_begin_counts_once():
     found = analyze(logs)
     assert found.stages["lower"].to_list() == pytest.approx([0.025**0.25] * len(found.stages))
     assert paired_difference(found.episodes, found.episodes).count == 4
+    unequal = [log for log in logs if log.index == 0] + [missed(Story(index=index), 0).log() for index in range(1, 4)]
+    (row,) = analyze(unequal).stages.filter(counting="latched", stage="place_2").rows(named=True)
+    assert (row["mean"], row["lower"] < 0.25 < row["upper"]) == (0.25, True), "seeds that were not finished"
 
 
 def test_one_run_has_no_standard_error_and_names_its_units_and_method():
