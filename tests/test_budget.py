@@ -8,9 +8,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = ("src", "studies", "benchmarks", "tools")
-MOST_LINES = 36_017
+MOST_LINES = 35_986
 """Lines of Python in CODE."""
-MOST_FILES = 165
+MOST_FILES = 164
 """Python files in CODE."""
 MOST_WORDS = 28_783
 """Words, as `wc -w` counts them, of README, CONTRIBUTING, CHANGELOG and the pages in docs and results."""

@@ -141,7 +141,7 @@ def _registered_rows() -> Iterator[dict[str, str]]:
     claims = pl.read_csv(DISTURBED / "claims.csv")
     for number, claim in enumerate(REGISTERED, 1):
         left, right = (METHODS[side].replace(" time-to-go", "") for side in (claim.left, claim.right))
-        words = f"{number}. {left} against {right}, {claim.condition}"
+        words = f"{f'{number}. ' if claim.registered else ''}{left} against {right}, {claim.condition}"
         row = dict.fromkeys(("tasks", "left minus right", "speeds", "power"), "") | {"decision": "runs are missing"}
         for each in claims.filter(claim=number).tail(1).to_dicts():
             row |= {"tasks": each["task"].replace("-v3", ""), "decision": each["decision"] or row["decision"]}

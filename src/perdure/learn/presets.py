@@ -1,22 +1,13 @@
 """Tuned PPO hyperparameters for each task with their sources, and the training methods.
 
-All but the last two rows are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
+The rows of `_ZOO` are the PPO entries of RL Baselines3 Zoo (DLR-RM/rl-baselines3-zoo, ``hyperparams/ppo.yml`` at
 22e3ff2, 2026-04), whose entries carried the names ``*-v3`` until 2024-01 and did not change when they were renamed.
 The zoo trains all six with ``normalize: true``: observations and rewards, with the reward normalizer's gamma equal to
 the algorithm's.
 
-| task | gamma | envs | steps | batch | epochs | lambda | step size | network | total steps | from |
-|---|---|---|---|---|---|---|---|---|---|---|
-| HalfCheetah | 0.98 | 1 | 512 | 64 | 20 | 0.92 | 2.0633e-5 | 256, 256 relu | 1e6 | zoo, tuned (#155, #183) |
-| Hopper | 0.999 | 1 | 512 | 32 | 5 | 0.99 | 9.80828e-5 | 256, 256 relu | 1e6 | zoo, tuned (#155, #183) |
-| Walker2d | 0.99 | 1 | 512 | 32 | 20 | 0.95 | 5.05041e-5 | 64, 64 tanh | 1e6 | zoo, tuned; the zoo names no network |
-| Humanoid | 0.95 | 1 | 512 | 256 | 5 | 0.9 | 3.56987e-5 | 256, 256 relu | 1e7 | zoo, tuned |
-| Swimmer | 0.9999 | 4 | 1024 | 256 | 10 | 0.98 | 6e-4 | 64, 64 tanh | 1e6 | zoo, tuned (#335, 2023-01) |
-| Ant | 0.99 | 1 | 2048 | 64 | 10 | 0.95 | 3e-4 | 64, 64 tanh | 1e6 | zoo's entry is SB3's defaults |
-| any other | 0.99 | 1 | 2048 | 64 | 10 | 0.95 | 3e-4 | 64, 64 tanh | 1e6 | Stable-Baselines3's defaults |
-
-The zoo holds a tuned entry for Ant that is commented out (10 million steps); "tuned" values for Ant do not exist there.
-Before 2023-01 it trained Swimmer with defaults and gamma = 0.9999.
+HalfCheetah and Hopper come from its pull requests 155 and 183, Swimmer from 335 (before 2023-01: defaults and gamma =
+0.9999). For Walker2d it names no network. Its entry for Ant is Stable-Baselines3's defaults, as here for any other
+task; a tuned one (10 million steps) is commented out.
 
 With the zoo's Hopper settings policies of Stable-Baselines3 and of perdure learn to stand still (rl-baselines3-zoo's
 issue 376 reports the same). So a second preset, ``cleanrl``, has one set of numbers for every task: those of CleanRL's

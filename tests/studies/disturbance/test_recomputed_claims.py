@@ -21,6 +21,7 @@ CLAIMS = {
     3: ("geometric", "geometric-discounted", NOISE, "working share"),
     4: ("geometric", "ppo-gamma-0.999", CALM, "gain in training"),
     5: ("geometric", "ppo", CALM, "score"),
+    6: ("geometric", "ppo-gamma-0.999", NOISE, "working share"),
 }
 STEPS = {NOISE: 10_000, PUSHES: 10_000, CALM: 100_000}
 DRAWS = 1_000_000
@@ -95,7 +96,7 @@ def recompute(number, tasks):
         ]
         return effect, float(np.quantile(np.mean([a - b for a, b in drawn], axis=0), 0.05))
     drawn = np.mean([rng.choice(null(*pair), DRAWS) for pair in pairs], axis=0)
-    if number == 4:
+    if number in (4, 6):
         drawn, effect_size = np.abs(drawn), abs(effect)
     else:
         effect_size = effect
