@@ -58,10 +58,9 @@ def cure_table(episodes: pl.DataFrame, seeds: str, baseline: pl.DataFrame | None
 
 def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return speed, steps and failures of each training run; one that never worked failed at step 0."""
-    worked = pl.when(pl.col("policy_state") != "never worked").then("failed_step").otherwise(0)
     return (
         episodes.filter(condition="standard-1")
-        .with_columns(failed_step=worked)
+        .with_columns(failed_step=pl.col("failed_step") * (pl.col("policy_state") != "never worked"))
         .group_by("task", "method", "train_seed")
         .agg(
             (GAIN / SCALE).first().alias("speed"),

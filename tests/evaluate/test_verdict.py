@@ -308,6 +308,7 @@ def test_four_windows_are_enough():
 def test_a_robot_was_ever_idle_after_two_idle_windows_in_a_row():
     assert not episode([1.0, 0.0, 1.0, 0.0, *[1.0] * 10]).ever_idle
     assert episode([1.0, 0.0, 0.0, 1.0, *[1.0] * 10]).ever_idle
+    assert not episode([1.0, 0.0, 0.0, 1.0, *[1.0] * 10], settling=150).ever_idle, "a start from rest is no idleness"
 
 
 @pytest.mark.parametrize(("good", "begin"), [(2, 10), (3, 14)])

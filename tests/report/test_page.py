@@ -111,9 +111,9 @@ class TestWhatItSays:
         frame = synthetic([falling, best, same, worse])
         last = summary_text(frame).split("\n\n")[0].splitlines()[-1]
         first, _, other = re.fullmatch(
-            r"  Best clock of geometric on these start states: always (\d00) steps to go\.( Not distinguishable from "
-            r"it \(share that holds, return; 95 % each\): always (\d00) steps to go\.) Confirm it on others "
-            r"\(--first-eval-seed\)\.",
+            r"  Best clock of geometric on these start states: always (\d00) steps to go \(--clocks constant:\1\)\."
+            r"( Not distinguishable from it \(share that holds, return; 95 % each\): always (\d00) steps to go\.)"
+            r" Confirm it on others \(--first-eval-seed\)\.",
             last,
         ).groups()
         assert {first, other} == {"500", "600"}
@@ -127,7 +127,7 @@ class TestWhatItSays:
         earning = {"clock": "constant(600)", "rate": 4.0, "ends": [math.inf] * 17 + [5000] * 3}
         worse = {"clock": "constant(700)", "rate": 2.0, "ends": [5000] * 20}
         text = summary_text(synthetic([holding, earning, worse], episodes=20))
-        assert "always 500 steps to go. Not distinguishable from it" in text
+        assert "always 500 steps to go (--clocks constant:500). Not distinguishable from it" in text
         assert "95 % each): always 600 steps to go. Confirm" in text
 
     def test_clocks_on_other_start_states_are_not_paired(self, synthetic, tmp_path):

@@ -187,12 +187,13 @@ def extrapolate(
             working directory or PYTHONPATH, run in this process.
         env: For models and functions: the environment they were trained in. Hopper-v5 is Gymnasium's if Gymnasium can
             make it; envpool:Hopper-v5 is EnvPool's, which is faster; robot.yaml is the contract of a robot.
-        steps: Steps of each calm episode, or of each under --disturb, unless it ends earlier.
+        steps: Steps of each calm episode (100,000 by default), or of each under --disturb (10,000). Without --disturb
+            36 episodes under standard-1 follow, of 10,000 steps; --disturb none leaves them out.
         hours: In place of --steps: hours of each episode, by the environment's control rate.
         clocks: Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to
             the end), default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of
             100, and countdown).
-        eval_seeds: Start states, calm or under --disturb; the same ones for every policy and clock.
+        eval_seeds: Start states, calm (3) or under --disturb (36); the same ones for every policy and clock.
         first_eval_seed: First start state: choose a policy or a clock on some start states, and report on others.
         disturb: none (calm episodes only), standard-1, or what disturbs every episode, all together: action_noise:0.1
             (of half the action range), observation_noise:0.05 (of the spread in training), action_delay:2 (steps),

@@ -310,7 +310,7 @@ def run(
     The report lies beside the logs. `perdure home analyze` compares several release strategies.
 
     Args:
-        place: Release strategy: what happens when the policy commands the hand to open. rl: it opens at once.
+        place: One release strategy: what happens when the policy commands the hand to open. rl: it opens at once.
             Hand-overs, in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm),
             guarded (then lowers the object until it touches down). Policies trained otherwise: delta-N (the object must
             stay for N steps), gentle (release at rest), hand (Cartesian actions), linear and geometric (time-to-go),
@@ -432,7 +432,7 @@ def log_files(given: tuple[Path, ...]) -> list[Path]:
     """Return the log files among files and folders; PerdureError when there are none."""
     paths = [path for each in given for path in (sorted(each.rglob("*.parquet")) if each.is_dir() else [each])]
     if not paths:
-        raise PerdureError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing'}")
+        raise PerdureError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing: name a folder'}")
     return paths
 
 

@@ -131,7 +131,7 @@ def extrapolate(
             store = Store(out)
             stack.enter_context(store.exclusive("extrapolate", waiting))
             if (store.root / TABLE).exists() or store.keys(GROUPS):
-                raise PerdureError(REPLACED.format(store.root))
+                raise PerdureError(f"that of a function does not continue: {REPLACED.format(store.root)}")
         opened = stack.enter_context(open_env(env))
         source = replace(opened, make=lambda seeds: report_success(opened.make(seeds), success))
         if not isinstance(subject, Policy):
@@ -186,5 +186,4 @@ def _evaluate_here(
             finished += specs[0].steps * len(set(group))
     scale = make_score_scale(policy.reference, idle, published_rate(spec.name))
     not_applied = {each.label: each.not_applied for each in conditions}
-    frame = pl.concat(frames).with_columns(task=pl.lit(spec.name))  # not that of its training
-    return judge_table(frame, [scale] * len(episodes), not_applied)
+    return judge_table(pl.concat(frames).with_columns(task=pl.lit(spec.name)), [scale] * len(episodes), not_applied)

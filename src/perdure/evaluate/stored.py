@@ -63,7 +63,7 @@ REFERENCES = "references"
 GROUPS = "groups"
 """Folder of the store that keeps finished groups of episodes. A group's config has its condition, and of each episode
 the identity of its policy, a clock or null, and an evaluation seed."""
-REPLACED = "{} holds another evaluation, which would be replaced: name another folder, or remove it"
+REPLACED = "{} holds another evaluation, which would be replaced: name another folder with --out (out=), or remove it"
 
 
 def load(path: Path) -> Policy | OnnxModel:

@@ -267,20 +267,19 @@ def judge_episode(
     count = min(len(scores), max(FEWEST_WINDOWS, round(LAST * len(scores))))
     last = float(scores[-count:].mean()) if count else float("nan")
     idle = scores < IDLE_BELOW
-    ever = bool((idle[1:] & idle[:-1]).any())
+    settled = begins >= score_scale.settling  # the reference leaves the start from rest out
+    ever = bool((idle[settled][1:] & idle[settled][:-1]).any())
     silent = _since(scores, IDLE_BELOW) if last < IDLE_BELOW else len(scores)
     if end_reason in ended:
         failed = int(begins[silent]) if silent < len(scores) else end_step
         return EpisodeVerdict(ended[end_reason], failed, last, ever)
-    # The reference leaves the start from rest out; a mean that includes it would be too low.
-    settled = scores[begins >= score_scale.settling]
-    if len(settled) < FEWEST_WINDOWS:
+    if settled.sum() < FEWEST_WINDOWS:
         return EpisodeVerdict("unknown", end_step, last, ever)
     pause = _longest(idle[:silent])
     span = scores[-max(count, MEMORY * pause) :]
     if last < IDLE_BELOW and (len(scores) - silent >= SURE * pause or span.mean() < IDLE_BELOW):
         return EpisodeVerdict("fails silently", int(begins[silent]), last, ever)
-    decayed = _decayed(settled, min(len(span), len(settled)))
+    decayed = _decayed(scores[settled], min(len(span), settled.sum()))
     if decayed is None:
         return EpisodeVerdict("unknown", end_step, last, ever)
     if decayed:

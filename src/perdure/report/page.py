@@ -233,8 +233,7 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
     sentences, of_files = list(found)[:MOST_NAMED], notes is None or any(name.startswith(FILE_NOTE) for name in notes)
     if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
-        clock = group.clock.replace("(", ":").rstrip(")")
-        first = int(group["eval_seed"][group.failed].min())
+        clock, first = group.clock.replace("(", ":").rstrip(")"), int(group["eval_seed"][group.failed].min())
         left_out = group["not_applied"][0].split(", ")
         met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
         disturb = " ".join(met) if any(left_out) else group.disturbance
@@ -249,7 +248,7 @@ def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     over = " or ".join(sorted({_over(item.returns) for item in estimates}))
     missing = {(item.group.disturbance, what) for item in estimates for what in item.group["not_applied"] if what}
     left_out = "".join(
-        f" Not applied{'' if label == CALM else f' of {label}'}: {what}." for label, what in sorted(missing)
+        f" Not applied of {label}: {what}.".replace(f" of {CALM}", "") for label, what in sorted(missing)
     )
     headings, *cells = _rows(estimates)
     yield table("Policies, clocks and conditions", headings, cells, f"Intervals over {over}.{left_out}")
@@ -282,7 +281,7 @@ def _mean(values: np.ndarray[Any, Any]) -> str:
 
 
 def _bounds(interval: Interval) -> str:
-    low, high = (float(np.ravel(bound)[-1]) for bound in (interval.lower, interval.upper))
+    low, high = interval.last()
     return "\u2013" if np.isnan(low) else f"{wording.quantity(low)} to {wording.quantity(high)}"
 
 

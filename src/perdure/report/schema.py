@@ -131,7 +131,7 @@ TABLE: dict[str, Column] = {
         "score against its own training in the last tenth, or before the episode ended: (rate - idle_rate) / "
         "(training_rate - idle_rate), 0: an idle robot, 1: as in training; nan: not known",
     ),
-    "ever_idle": Column(Flag(), "two consecutive windows, at any time, scored below 0.25: hardly better than idle"),
+    "ever_idle": Column(Flag(), "two consecutive windows after settling scored below 0.25: hardly better than idle"),
 }
 _MEASURE = Real(0.0, unknown=True)
 MEASURES: dict[str, Column] = {

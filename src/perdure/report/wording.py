@@ -67,7 +67,7 @@ def duration(hours: float) -> str:
 
 HELP = "https://github.com/perdure/perdure/blob/main/docs/how-to/when-a-policy-fails.md"
 _GAMMA = "Train again with a higher gamma (0.999, not 0.99). If it then learns too little, add a time-to-go."
-_INPUTS = "Check what the policy is given: normalizer, time feature, training horizon. If that is right, train longer."
+_INPUTS = "Check normalizer, time feature, training horizon (a robot: perdure robot check). If right, train longer."
 NEXT = {
     "holds": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
     "reaches its goal": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),

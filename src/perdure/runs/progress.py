@@ -116,7 +116,7 @@ class _Pace:
         share = sum(each.size * (each.share - before.share) for each, before in pairs)
         left = sum(each.size * (1 - each.share) for each, _ in pairs)
         done = sum(each.done - before.done for each, before in pairs)
-        rate = f"{done / elapsed:,.0f} {self._measure}/s" if self._measure and done > 0 and elapsed else ""
+        rate = f"{done / elapsed:,.0f} {self._measure}/s" if self._measure and done > elapsed > 0 else ""
         return rate, f"{_duration(elapsed * left / share)} left" if share > 0 and left else ""
 
 
@@ -143,7 +143,7 @@ def _words(status: Status, pace: _Pace) -> str:
                 facts.setdefault(name.replace("_", " "), []).append(value)
     shown = [f"{name} {sum(values) / len(values):,.4g}" for name, values in facts.items()]
     rate, left = pace.words(status)
-    parts = (f"{total_share(status):.0%}", count_states(status) if many else "", rate, *shown, left)
+    parts = (f"{math.floor(100 * total_share(status))}%", count_states(status) if many else "", rate, *shown, left)
     return "  ".join(filter(None, parts))
 
 

@@ -251,7 +251,7 @@ def read_log_files(paths: Sequence[str | os.PathLike[str]]) -> list[tuple[list[E
     files, found = [(*read_log_file(path), path) for path in paths], dict[Any, Any]()
     for record, path in ((record, path) for logs, _, path in files for record in logs):
         if record.key in found:
-            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; leave one of the two out")
+            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; remove one of the two")
         found[record.key] = path
     return files
 
