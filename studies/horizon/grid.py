@@ -176,11 +176,7 @@ GRIDS = {
 
 
 def make_grid(scale: str, phases: Sequence[int]) -> Grid:
-    """Return the grid of a scale with the rows of some phases.
-
-    Raises:
-        PerdureError: No row belongs to these phases.
-    """
+    """Return the grid of a scale with the rows of some phases; PerdureError if there is none."""
     grid = GRIDS[scale]
     rows = tuple(row for row in grid.rows if row.phase in phases)
     if not rows:

@@ -111,11 +111,7 @@ GRIDS = {
 
 
 def make_grid(scale: str, phases: Sequence[int]) -> tuple[Row, ...]:
-    """Return the rows of a scale that belong to some phases.
-
-    Raises:
-        PerdureError: There are none.
-    """
+    """Return the rows of a scale that belong to some phases; PerdureError if there are none."""
     if rows := tuple(row for row in GRIDS[scale] if row.phase in phases):
         return rows
     raise PerdureError(f"scale {scale} has no work in phases {', '.join(map(str, phases))}")

@@ -36,7 +36,7 @@ class Logger:
     def __init__(self):
         self.recorded, self.dumped = {}, []
 
-    def record(self, name, value):
+    def record(self, name, value, exclude=None):
         self.recorded[name] = value
 
     def dump(self, step):

@@ -71,5 +71,7 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
             for name, value in values.items():
                 if math.isfinite(value):
                     met = item.group.disturbance
-                    self.logger.record(f"perdure/{name}_{'calm' if met == CALM else met}", value)
+                    key = f"perdure/{name}_{'calm' if met == CALM else met}"
+                    # The library's text table cuts longer names, and refuses two that it cuts alike.
+                    self.logger.record(key, value, None if len(key) <= 41 else ("stdout", "log"))
         self.logger.dump(self.num_timesteps)

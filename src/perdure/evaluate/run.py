@@ -131,7 +131,7 @@ def extrapolate(
             store = Store(out)
             stack.enter_context(store.exclusive("extrapolate", waiting))
             if (store.root / TABLE).exists() or store.keys(GROUPS):
-                raise PerdureError(f"that of a function does not continue: {REPLACED.format(store.root)}")
+                raise PerdureError(f"an evaluation in this process cannot be continued: {REPLACED.format(store.root)}")
         opened = stack.enter_context(open_env(env))
         source = replace(opened, make=lambda seeds: report_success(opened.make(seeds), success))
         if not isinstance(subject, Policy):

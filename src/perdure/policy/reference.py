@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, World, make_world
 from perdure.errors import PerdureError, PerdureWarning
-from perdure.horizon import Clock, Countdown
+from perdure.horizon import Clock, Countdown, TimeFeature
 from perdure.policy.closed_loop import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
 from perdure.policy.network import one_thread
@@ -100,7 +100,8 @@ def measure_reference(
         longest = policy.training_horizon
         horizon = int(longest) if math.isfinite(longest) else world.spec.default_horizon
         clock: Clock | None = Countdown(float(horizon)) if policy.has_clock else None
-        if isinstance(own := getattr(policy, "clock", None), Countdown):  # of a time feature 1 - t/N: N is not T
+        own, embedding = getattr(policy, "clock", None), getattr(getattr(policy, "protocol", None), "embedding", None)
+        if isinstance(own, Countdown) and isinstance(embedding, TimeFeature):  # an imported 1 - t/N: N is not T
             clock = own
         loop = ClosedLoop(world, [EpisodePolicy(policy, clock)] * episodes)
         first = loop.observations

@@ -248,7 +248,7 @@ def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     over = " or ".join(sorted({_over(item.returns) for item in estimates}))
     missing = {(item.group.disturbance, what) for item in estimates for what in item.group["not_applied"] if what}
     left_out = "".join(
-        f" Not applied of {label}: {what}.".replace(f" of {CALM}", "") for label, what in sorted(missing)
+        f" Not applied{'' if label == CALM else f' under {label}'}: {what}." for label, what in sorted(missing)
     )
     headings, *cells = _rows(estimates)
     yield table("Policies, clocks and conditions", headings, cells, f"Intervals over {over}.{left_out}")
