@@ -75,9 +75,7 @@ def run(flags: StudyFlags) -> None:
     elif not flags.analyze_only:
         check_on(flags.on)
         if unknown := sorted({*(flags.phases or ())} - {*study.PHASES}):
-            raise PerdureError(
-                f"study {flags.name} has no phase {unknown[0]}; it has {', '.join(map(str, study.PHASES))}"
-            )
+            raise PerdureError(f"study {flags.name} has no phase {unknown[0]}; its phases are {[*study.PHASES]}")
         units = study.plan(flags.scale, flags.phases or study.PHASES, store)
         if flags.status:
             kept = store.is_dir() or not out.is_dir()

@@ -15,7 +15,7 @@ RESULTS = Path(__file__).parents[2] / "results"
     ("arguments", "words"),
     [
         (["horizon", "--scale", "smok"], "study horizon has no scale 'smok'; its scales are smoke, laptop, thesis"),
-        (["disturbance", "--scale", "thesis", "--phases", "1", "7"], "has no phase 7; it has 1, 2, 3"),
+        (["disturbance", "--scale", "thesis", "--phases", "1", "7"], "has no phase 7; its phases are [1, 2, 3]"),
         (["horizon", "--on", "cloud"], "here, local, ray or ray:ADDRESS"),
         (["horizon", "--analyze-only", "--out", "none"], "there are no results of the study horizon in none"),
         (["horizon", "--collect", "none", "--out", "out"], "there is no finished training run in none"),

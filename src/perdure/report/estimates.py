@@ -453,8 +453,7 @@ def best_clocks(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iter
         same = [item.group.clock_words for item in clocks if item is not best and _as_good(item.group, best.group, rng)]
         listed = ", ".join(same) if len(same) <= _MOST_CLOCKS else wording.count(len(same), "clock")
         yield (
-            f"Best clock of {line} on these start states: {best.group.clock_words} "
-            f"(--clocks {best.group.clock.replace('(', ':').rstrip(')')})."
+            f"Best clock of {line} on these start states: {best.group.clock_words} (--clocks {best.group.clock_flag})."
             + (f" Not distinguishable from it (share that holds, return; 95 % each): {listed}." if same else "")
             + " Confirm it on others (--first-eval-seed)."
         )

@@ -149,6 +149,11 @@ class Group:
         return wording.clock(self.clock_kind, wording.whole(self.clock_steps)) if known else self.clock
 
     @property
+    def clock_flag(self) -> str:
+        """The clock as `--clocks` takes it, e.g. "constant:500"."""
+        return self.clock.replace("(", ":").rstrip(")")
+
+    @property
     def is_tuned_by_steps(self) -> bool:
         """Whether the clock has a parameter C."""
         return self.clock_kind in ("constant", "periodic") and bool(np.isfinite(self.clock_steps))

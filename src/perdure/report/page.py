@@ -233,7 +233,7 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
     sentences, of_files = list(found)[:MOST_NAMED], notes is None or any(name.startswith(FILE_NOTE) for name in notes)
     if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
-        clock, first = group.clock.replace("(", ":").rstrip(")"), int(group["eval_seed"][group.failed].min())
+        clock, first = group.clock_flag, int(group["eval_seed"][group.failed].min())
         left_out = group["not_applied"][0].split(", ")
         met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
         disturb = " ".join(met) if any(left_out) else group.disturbance

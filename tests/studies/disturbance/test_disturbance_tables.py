@@ -196,3 +196,12 @@ def test_so_many_runs_that_hold_calm_and_disturbed_fail_under_each_new_condition
     said = "in none with a heavier or shifted load, in {} under pushes, in {} on a slope, in {} under 10 % action noise"
     assert f"of {len(good)} runs that hold calm" in page
     assert f"{said} and in {{}} with slow actuators".format(*fails) in page
+    cheetah = good.filter(task="HalfCheetah-v3")
+    counts = len(cheetah), len(good), *((table[name] <= 0.5).sum() for name in named[-2:] for table in (cheetah, good))
+    assert "(HalfCheetah: {} of the {}, {} of the {}, {} of the {};".format(*counts) in page
+    foresight = pl.read_csv(RESULTS / "tables" / "foresight.csv").filter(threshold=0.75)
+    within = foresight.pivot(on="verdict", index="new condition", values="AUC within a task")
+    gap = (within["calm"] - within["standard-1"]).to_numpy()
+    assert (gap > 0).sum() == 8
+    assert f"by up to {gap.max():.2f} AUC" in page
+    assert (within["both"] > within["calm"]).sum() == 8

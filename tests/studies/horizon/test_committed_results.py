@@ -117,6 +117,18 @@ def test_the_answer_says_what_the_tables_say_on_three_pages(results):
     assert sorted(episodes["count"]) == [2350, 14160]
 
 
+def test_so_many_runs_of_discounted_ppo_hold_and_fall_when_calm(results):
+    fresh = pl.read_parquet(RESULTS.parent / "disturbance" / "registered.parquet")
+    fresh = fresh.filter(task="Hopper-v3", method="ppo@cleanrl", condition="calm")
+    earlier = results.episodes.filter(setting="Hopper-v3@cleanrl", method="ppo", split="test")
+    runs = pl.concat([each.select("train_seed", "outcome") for each in (earlier, fresh)]).group_by("train_seed")
+    every = runs.agg(holds=(pl.col("outcome") == "holds").all(), falls=(pl.col("outcome") == "falls").all())
+    assert (len(every), every["holds"].sum(), every["falls"].sum()) == (20, 7, 11)
+    page = " ".join((RESULTS.parents[1] / "docs" / "how-to" / "when-a-policy-fails.md").read_text().split())
+    assert "seven of twenty runs of discounted PPO on Hopper" in page
+    assert "for 100,000 calm steps, and eleven fell from each" in page
+
+
 def test_on_ant_alone_short_episodes_decide_nothing(results):
     claim = next(each for each in read_claims() if each.left == "ppo-short" and "Ant-v3" in each.tasks)
     lower = {task: effect(replace(claim, tasks=(task,)), results.values) for task in claim.tasks}

@@ -87,6 +87,19 @@ def test_what_the_answer_says_holds(tables):
         tables["differences"].filter(task="set_table", split="eval", first="rl closed", second="stop closed").to_dicts()
     )
     assert cost["episodes upper"] < 0.0, "in the default world"
+    first = tables["kinds"].filter(pl.col("split") == "eval", pl.col("strategy").is_in(["rl", "rl closed"]))
+    stayed = (
+        1 - first.group_by("task", "strategy").agg(pl.col("failures").sum() / pl.col("placements").sum())["failures"]
+    )
+    unaided = tables["success"].filter(pl.col("split").str.starts_with("eval"), strategy="rl closed")
+    shares = unaided["unaided"] / unaided["episodes"]
+    for page, said, found in (
+        ("README.md", "{:.0f} to {:.0f} % of first placements do", stayed),
+        ("README.md", "Without the script all are in place in {:.0f} to {:.0f} %", shares),
+        ("docs/home/index.md", "without the oracle all are in place at the end in {:.0f} to {:.0f} %", shares),
+    ):
+        words = said.format(100 * found.min(), 100 * found.max())
+        assert words in " ".join((ROOT / page).read_text().split())
     drag = {place: rows["set_table", f"{place} drag closed"] for place in ("rl", "stop", "gentle")}
     assert drag["rl"]["stabilizing upper"] < min(drag[place]["stabilizing lower"] for place in ("stop", "gentle"))
     assert all(

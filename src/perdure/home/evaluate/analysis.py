@@ -235,9 +235,7 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
             count = outcomes.latched if counting == "latched" else outcomes.stages_stabilizing
             reached = np.array([count(log) for log in part], dtype=np.float64)
             means = np.stack([reached[runs == run].mean(axis=0) for run in np.unique(runs)])
-            error = (
-                means.std(axis=0, ddof=1) / math.sqrt(len(means)) if len(means) > 1 else np.full(len(means[0]), np.nan)
-            )
+            error = means.std(axis=0, ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
             episodes, index = np.unique([seeds, [log.index for log in part]], axis=1, return_inverse=True)
             by_episode = [reached[index.ravel() == k].mean(axis=0) for k in range(episodes.shape[1])]
             found = survival_interval(by_episode, episodes[0], rng)
