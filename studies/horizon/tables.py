@@ -111,9 +111,11 @@ def _clock_rows(results: Results) -> Iterator[dict[str, str]]:
     for setting in (each for each in results.grid.settings if each in MAIN_SETTINGS):
         returns = {clock: _mean(results.values(setting, Condition("geometric", clock)).values()) for clock in CLOCKS}
         row = {name: f"{returns[clock] / returns['constant:500']:.2f}" for clock, name in CLOCKS.items()}
-        reward = results.mechanism.filter(setting=setting, method="geometric", measure="reward")
-        for name, span in {"reward, last 50": (50, 50), "301 to 700": (350, 700)}.items():
-            row[name] = f"{_mean(reward.filter(pl.col('at').is_between(*span))['result']):.2f}"
+        reward = results.mechanism.filter(setting=setting, measure="reward")
+        for name, span in {"reward, last 50 (PPO)": (50, 50), "301 to 700 (PPO)": (350, 700)}.items():
+            there = reward.filter(pl.col("at").is_between(*span))
+            ours, plain = (_mean(there.filter(method=method)["result"]) for method in ("geometric", "ppo"))
+            row[name] = f"{ours:.2f} ({plain:.2f})"
         yield {"task": setting_words(setting)} | row
 
 

@@ -28,7 +28,8 @@ def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
     Raises:
         PerdureError: The policies of a row are missing.
     """
-    return [unit for row in make_grid(scale, phases) for unit in protocol_units(row.protocol(), row.command)]
+    rows = make_grid(scale, phases)
+    return [unit for row in rows for unit in protocol_units(row.protocol(), row.command, Store(store))]
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -53,11 +54,9 @@ def analyze(scale: str, out: Path) -> list[Path]:
 
 def finished_logs(row: Row, store: Path) -> list[Path]:
     """Return the logs of all blocks of a row; none while one is missing."""
-    protocol = row.protocol()
-    keys = [block.key(protocol) for block in episode_blocks(protocol)]
-    if not store.is_dir() or not all(Store(store).done(key) for key in keys):
-        return []
-    return [Store(store).get(key) / LOGS for key in keys]
+    protocol, runs = row.protocol(), Store(store)
+    keys = [block.key(protocol) for block in episode_blocks(protocol, runs)]
+    return [runs.get(key) / LOGS for key in keys] if all(map(runs.done, keys)) else []
 
 
 def update_tables(grid: Sequence[Row], out: Path) -> Tables:

@@ -55,6 +55,8 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
 minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
 OPTIONAL |= {"median_speed"}
+THESIS = {("set_table", "rl"): ("41.8 %", "45.4 %"), ("set_table", "ik"): ("65.3 %", "18.0 %")}
+"""Success and failed placements in section 2.3 of the thesis."""
 PAIRS = (*(("rl", other) for other in (*RELEASES[1:], *TRAINED)), ("stop", "ik"), ("stop", "guarded"))
 """Strategies that are compared over the same episodes, beside open and closed loop: second minus first."""
 DRAG = "drag closed"
@@ -182,10 +184,32 @@ def rolling_table(tables: Tables) -> pl.DataFrame:
     return _table(cells.values())
 
 
+def thesis_table(tables: Tables) -> pl.DataFrame:
+    """Return what the thesis has numbers of: latched success, failed placements and cans, known layouts, open loop."""
+    rows = []
+    for row in success_rows(tables, "val"):
+        of = {name: row[name] for name in GROUP}
+        success, failed = THESIS.get((row["task"], row["place"]), ("", ""))
+        stages = tables["outcomes"].filter(pl.col("outcome").str.starts_with("place_"), **of)
+        unstable = tables["kinds"].filter(**of)
+        cans = unstable.filter("cylinder")["failures"].sum()
+        rows.append(
+            {"task": describe_task(row["task"]), "release": f"`{row['place']}`", "thesis": success}
+            | {"here (latched)": share(row, "latched"), "failed at a placement, thesis": failed}
+            | {"here": percent(stages["count"].sum() / row["episodes"])}
+            | {"cans among unstable placements": f"{cans} of {unstable['failures'].sum()}"}
+        )
+    return _table(rows)
+
+
 def _cells(cells: dict[tuple[str, str], dict[str, str]], row: Row) -> dict[str, str]:
     names = {"task": describe_task(row["task"]), "release": f"`{row['place']}`"}
     return cells.setdefault((row["task"], row["place"]), names)
 
 
-PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {"tasks": task_table, "rolling": rolling_table}
+PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
+    "tasks": task_table,
+    "rolling": rolling_table,
+    "thesis": thesis_table,
+}
 """Name after `table:` in a page to the function that makes the table."""

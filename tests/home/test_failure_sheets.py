@@ -189,9 +189,12 @@ def test_a_replay_takes_the_logged_course_in_the_logged_world(hurried):
 
 def test_a_policy_for_a_skill_of_other_tasks_does_not_stop_a_replay():
     log = rolls_away().log()
-    failure = Logged(log, "stabilizing", EvaluationProtocol(log.task, "ik"))
+    options = ExecutorOptions(settle_steps=9)
+    failure = Logged(replace(log, eval_seed=2), "stabilizing", EvaluationProtocol(log.task, "ik", options=options))
     everywhere = {**ORACLES, "open_fridge": "used by set_table alone.safetensors"}
     assert "place" in failure.agent(everywhere).policies
+    agent = replace(failure, log=replace(failure.log, diverged=True)).agent(everywhere)
+    assert (agent.protocol.options.eval_seed, agent.protocol.options.settle_steps) == (2, 9)
 
 
 def test_a_replay_with_another_policy_than_the_logged_one_is_refused():

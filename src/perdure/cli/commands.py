@@ -143,12 +143,13 @@ def _task_first(args: list[str]) -> list[str]:
 
 
 def _value(args: list[str], flag: str, default: str) -> str:
-    """Return the value of a flag, before the whole line is parsed; a missing one is reported then."""
+    """Return the last value of a flag, before the whole line is parsed; a missing one is reported then."""
+    found = default
     for arg, after in zip(args, [*args[1:], default], strict=True):
         name, equals, value = arg.partition("=")
         if name == flag:
-            return value if equals else after
-    return default
+            found = value if equals else after
+    return found
 
 
 def extrapolate(
@@ -499,6 +500,7 @@ def robot(
     scale, order of terms, default pose or decimation.
 
     Args:
+        what: What to do with it.
         contract: The YAML file, which is also the --env of `perdure extrapolate`.
         policy: The exported policy, model.onnx.
     """

@@ -28,7 +28,7 @@ from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import Episode, episode_hash, load_episodes
 from perdure.home.tasks.planners import needed_skills
-from perdure.home.tasks.tasks import AT, NOTHING, SETTLE_STEPS, Predicate, get_task
+from perdure.home.tasks.tasks import AT, NOTHING, Predicate, get_task
 
 PICTURES = 8
 BEFORE = CONTROL_HZ
@@ -81,7 +81,7 @@ class Logged:
         # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
         elsewhere = SKILLS.keys() - set(needed_skills(get_task(log.task), given.planner))
         named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
-        settle = SETTLE_STEPS if log.diverged else log.length - log.steps
+        settle = given.settle_steps if log.diverged else log.length - log.steps
         options = replace(given, eval_seed=log.eval_seed, settle_steps=settle)
         protocol = replace(self.protocol, policies={**self.protocol.policies, **named}, options=options)
         agent = Agent(protocol, log.train_seed)

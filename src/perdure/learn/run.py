@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from perdure.disturbances import parse_disturbances
 from perdure.envs import TaskSpec, make_world, task_spec
 from perdure.envs.disturbances import DisturbedWorld, disturbed_task
-from perdure.envs.suites import task_source_digest
+from perdure.envs.suites import is_contract, task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError, lookup
@@ -111,7 +112,8 @@ class TrainRun:
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
         variant = self.method if self.preset == ZOO else f"{self.method}@{self.preset}"
-        return f"{self.task.replace(':', '_')}/{variant}/seed-{seed}"
+        task = Path(self.task).name if is_contract(self.task) else self.task
+        return f"{re.sub('[^A-Za-z0-9._+=,@()/-]', '_', task)}/{variant}/seed-{seed}"
 
     def identity(self, seed: int) -> dict[str, Any]:
         """Return everything that the result of one seed depends on."""

@@ -233,7 +233,7 @@ class Description(Record, frozen=True):
     clock: Any
     provenance: dict[str, Any]
     return_scale: Number | None = None
-    reference: dict[Literal["horizon"], Annotated[int, Meta(ge=1, le=100_000_000)]] | None = None
+    reference: Annotated[dict[Literal["horizon"], Count], Meta(min_length=1)] | None = None
     squash: Any = None
 
     def __post_init__(self) -> None:

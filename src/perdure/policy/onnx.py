@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from perdure.errors import MANUAL, PerdureError
 from perdure.horizon import Clock, Constant
 from perdure.policy.policy import Policy
+from perdure.policy.reference import LONGEST_HORIZON
 from perdure.runs import config_digest, file_digest, read_bounded, write_atomic
 
 if TYPE_CHECKING:
@@ -274,8 +275,9 @@ def _training_horizon(metadata: Mapping[str, str], what: str) -> int | None:
         steps = float(text)
     except ValueError:
         steps = math.nan
-    if not steps >= 1.0:
-        raise PerdureError(f"{what}: its metadata {TRAINING_HORIZON} is {text!r}; it is a number of steps, 1 or more")
+    if not 1.0 <= steps <= LONGEST_HORIZON and steps != math.inf:
+        wanted = f"a number of steps from 1 to {LONGEST_HORIZON:,}"
+        raise PerdureError(f"{what}: its metadata {TRAINING_HORIZON} is {text!r}; it is {wanted}")
     return int(steps) if math.isfinite(steps) else None
 
 
@@ -371,8 +373,9 @@ def _check(data: bytes, what: str) -> None:
     model = _parse(data, what)
     if not model.graph.node or not model.opset_import:
         raise PerdureError(f"{what} is not an ONNX model: it has no operators")
-    domains = {node.domain for graph in _graphs(model) for node in graph.node}
-    foreign = sorted((domains | {each.domain for each in model.opset_import}) - set(DOMAINS))
+    own = {(each.domain, each.name) for each in model.functions}
+    used = {(node.domain, node.op_type) for graph in _graphs(model) for node in graph.node}
+    foreign = sorted({domain for domain, _ in used - own} - set(DOMAINS))
     if foreign:
         raise PerdureError(
             f"{what} uses operators of {', '.join(foreign)}, which onnxruntime has only with a library of their own; "

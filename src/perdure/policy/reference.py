@@ -26,6 +26,8 @@ EPISODES = 20
 """Episodes that training measures."""
 FIRST_SEED = 500_000
 """Episode k starts from world seed FIRST_SEED + k: start states that neither training nor an evaluation uses."""
+LONGEST_HORIZON = 100_000_000
+"""Steps of a training episode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class Reference:
         episodes, bins = self.lengths.size, math.ceil(self.horizon / BIN_STEPS)
         low, high = self.observation_low, self.observation_high
         fits = (
-            self.horizon >= 1
+            1 <= self.horizon <= LONGEST_HORIZON
             and episodes >= 1
             and self.rewards.shape == (episodes, bins)
             and self.terminated.shape == self.lengths.shape == (episodes,)
@@ -143,8 +145,8 @@ def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:
     Raises:
         PerdureError: If fewer than 1 are given.
     """
-    if given is not None and given < 1:
-        raise PerdureError(f"training_horizon must be at least 1, got {given}")
+    if given is not None and not 1 <= given <= LONGEST_HORIZON:
+        raise PerdureError(f"training_horizon must be from 1 to {LONGEST_HORIZON:,}, got {given}")
     if given is None and not spec.has_step_limit:
         warnings.warn(
             PerdureWarning(

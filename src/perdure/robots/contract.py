@@ -245,8 +245,8 @@ NAMES = {
 
 def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
     """Return the fields of a contract that a policy's metadata hold, as mjlab's comma-separated text or as JSON."""
-    found: dict[str, Any] = {NAMES[name]: _words(text) for name, text in notes.items() if name in NAMES and text}
     try:
+        found: dict[str, Any] = {NAMES[name]: _words(text) for name, text in notes.items() if name in NAMES and text}
         for field in set(PER_JOINT) & found.keys():
             numbers = [float(each) for each in found[field]]
             found[field] = numbers if len(numbers) > 1 else numbers[0]
@@ -255,7 +255,7 @@ def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
             for term, text in zip(terms, _words(notes.get(f"observation_terms_{field}", "")), strict=False):
                 parts = [convert(each) for each in text.split(";") if each]
                 term |= {field.removesuffix("_length"): parts if len(parts) > 1 else parts[0]} if parts else {}
-    except ValueError as error:
+    except (ValueError, IndexError, OverflowError, RecursionError) as error:
         raise PerdureError(f"the policy's metadata cannot be read: {error}") from None
     return {**found, "observations": terms} if terms else found
 

@@ -67,7 +67,7 @@ class Identity(Record, frozen=True, rename={"digest": "sha256"}):
         try:
             identity: Identity = read_json(path.read_bytes(), cls)
             fits = cls.of(identity.key, identity.config).digest == identity.digest
-        except PerdureError as error:
+        except (FileNotFoundError, PerdureError) as error:
             raise PerdureError(f"{path} is damaged: {error}") from error
         if not fits:
             raise PerdureError(f"{path} was changed after it was written: its config does not fit its SHA-256.")

@@ -180,12 +180,13 @@ class Store:
         return dict(Identity.read(self.get(key)).config)
 
     def warn_of_other_source(self, keys: Iterable[str]) -> None:
-        """Warn when finished units among `keys` were made by another version of the source code.
+        """Warn when results among `keys`, finished or begun, were made by another version of the source code.
 
         The warning is an `OtherSourceWarning`. The units are reused, because not every change of the code changes a
         result. Units without a recorded source are skipped.
         """
-        folders = [self._folder(key) for key in keys if self.done(key)]
+        places = [place for key in keys for place in (self._folder(key), self.root / ".working" / _flat(key))]
+        folders = [place for place in places if (place / RECORD).is_file()]
         others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
         if others:
             warnings.warn(
@@ -234,7 +235,7 @@ class Store:
             raise PerdureError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
         folder = self._hidden("working") / _flat(unit.key)
         folder.mkdir(parents=True, exist_ok=True)
-        if {RECORD} < {each.name for each in folder.iterdir()}:
+        if any(each.name != RECORD and not each.name.startswith(".") for each in folder.iterdir()):
             Identity.read(folder).check_same(unit, str(folder))
         else:  # an attempt that left nothing blocks nobody, and made nothing
             (folder / RECORD).unlink(missing_ok=True)

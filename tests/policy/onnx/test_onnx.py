@@ -214,6 +214,21 @@ class TestModelsOfOtherMakers:
         with pytest.raises(PerdureError, match=r"operators of evil\.ops"):
             OnnxModel.load(path)
 
+    def test_a_domain_that_is_only_declared_or_defined_inside_needs_no_library(self, tmp_path):
+        node = helper.make_node("Mine", ["obs"], ["actions"], domain="pkg.local")
+        info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
+        opsets = (("", 17), ("pkg.local", 1), ("pkg.onnxscript.torch_lib.common", 1))
+        path = self.made(tmp_path / "own.onnx", [node], info[:1], info[1:], opsets=opsets)
+        with pytest.raises(PerdureError, match=r"operators of pkg\.local, which"):
+            OnnxModel.load(path)
+        model = onnx.load(path)
+        body = [helper.make_node("Neg", ["x"], ["y"])]
+        model.functions.append(
+            helper.make_function("pkg.local", "Mine", ["x"], ["y"], body, [helper.make_opsetid("", 17)])
+        )
+        onnx.save(model, path)
+        assert OnnxModel.load(path)(np.ones((2, 3))).tolist() == [[-1.0] * 3] * 2
+
     def test_a_custom_operator_inside_a_branch_is_refused(self, tmp_path):
         def branch(domain):
             out = helper.make_tensor_value_info("inner", TensorProto.FLOAT, None)

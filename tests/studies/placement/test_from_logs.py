@@ -9,7 +9,7 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.protocol import protocol_units
-from perdure.runs import attempt
+from perdure.runs import Store, attempt
 from studies.placement.figures import speed_figures
 from studies.placement.grid import Row
 from studies.placement.study import update_tables
@@ -26,7 +26,7 @@ def out(tmp_path_factory):
     """Results with the committed tables and the logs of one episode."""
     folder = tmp_path_factory.mktemp("placement")
     shutil.copytree(COMMITTED, folder / "tables")
-    (unit,) = protocol_units(ROW.protocol(), ROW.command)
+    (unit,) = protocol_units(ROW.protocol(), ROW.command, Store(folder / "runs"))
     attempt(folder / "runs", unit)
     return folder
 
@@ -48,9 +48,9 @@ def test_a_row_of_which_episodes_are_missing_keeps_its_numbers(out):
     assert all(same[name].equals(before[name]) for name in before)
 
 
-def test_a_row_without_policies_is_refused():
+def test_a_row_without_policies_is_refused(out):
     with pytest.raises(PerdureError, match="is shipped for place-delta-7 on set_table"):
-        list(protocol_units(replace(ROW, place="delta-7").protocol(), ""))
+        list(protocol_units(replace(ROW, place="delta-7").protocol(), "", Store(out)))
 
 
 @pytest.mark.parametrize("name", ["success", "seeds", "stages", "outcomes", "modes", "kinds", "hand-overs"])

@@ -349,7 +349,7 @@ def paired_difference(
 
     Episodes are paired by training seed, evaluation seed, number and hash: the same start and goals. The differences
     are averaged within a training seed; training seeds are the units of the 95 % interval. With one training seed the
-    episodes are, whatever their evaluation seed, and the interval says nothing about training again.
+    episodes are, with all evaluation seeds and placements, and the interval says nothing about training again.
 
     Args:
         first: Rows of `Analysis.episodes` of one release strategy, or of `Analysis.placements`.
@@ -368,7 +368,7 @@ def paired_difference(
     if both.is_empty():
         raise PerdureError("the two release strategies have no episode of equal training and evaluation seed in common")
     change = pl.col("second").cast(pl.Float64) - pl.col("first").cast(pl.Float64)
-    same = [name for name in keys if name != "eval_seed"]
+    same = [name for name in keys if name not in ("eval_seed", "target")]
     changes = both.group_by(same, maintain_order=True).agg(change.mean().alias("change"))
     units = make_units(changes["change"].to_numpy(), changes["train_seed"].to_numpy())
     found = estimate_interval(units, np.random.default_rng(0))

@@ -186,8 +186,12 @@ class View:
     def units(self, strategy: str) -> tuple[bool, int]:
         """Return whether training seeds (else episodes) are the units of the intervals, and their number."""
         row = self.success(strategy)
-        seeds = row["train_seeds"]
-        return (True, seeds) if seeds > 1 else (False, row["episodes"] // row["eval_seeds"])
+        if (seeds := row["train_seeds"]) > 1:
+            return True, seeds
+        known = "episodes" in self.tables  # a committed table of finished rows knows no more than their number
+        return False, self.rows("episodes", strategy)["index"].n_unique() if known else row["episodes"] // row[
+            "eval_seeds"
+        ]
 
     def has_interval(self, strategy: str) -> bool:
         """Return whether a strategy has enough units to draw intervals."""

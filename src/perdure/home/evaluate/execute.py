@@ -80,7 +80,7 @@ class Recorder:
 
         Args:
             steps: Control steps until the plan or the task's limit ended; the rows after them are the settling time.
-            final_objects: All objects after the last step.
+            final_objects: All objects after the last step; none if the world diverged, which reset them.
             run: `strategy`, `train_seed` and `eval_seed` of the log.
         """
         # A diverged world is reset to its start: the last row no longer belongs to this episode.
@@ -238,7 +238,8 @@ class Executor:
                 if observe is not None:
                     observe(world, running)
                 for lane, each in over.items():
-                    yield each.recorder.log(each.step, final_objects(world.simulator(lane)), **self._named)
+                    last = () if each.recorder.diverged else final_objects(world.simulator(lane))
+                    yield each.recorder.log(each.step, last, **self._named)
                     del running[lane]
                     if waiting:
                         running[lane] = self._start(world, lane, waiting.pop())

@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -108,15 +109,23 @@ class EpisodeBlock:
         return f"{protocol.folder}/{seeds}/episodes-{self.first:03d}-{self.last:03d}"
 
 
-def episode_blocks(protocol: EvaluationProtocol) -> Iterator[EpisodeBlock]:
-    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
-    for eval_seed in range(protocol.eval_seeds):
-        for train_seed in range(protocol.train_seeds):
-            for first in range(0, protocol.episodes, BLOCK):
-                yield EpisodeBlock(train_seed, eval_seed, first, min(first + BLOCK, protocol.episodes) - 1)
+def episode_blocks(protocol: EvaluationProtocol, store: Store) -> Iterator[EpisodeBlock]:
+    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy.
+
+    A finished block stays as it is: with fewer or more episodes than before none is run twice.
+    """
+    for eval_seed, train_seed in product(range(protocol.eval_seeds), range(protocol.train_seeds)):
+        first = 0
+        while first < protocol.episodes:
+            end = first - first % BLOCK + BLOCK
+            choices = [EpisodeBlock(train_seed, eval_seed, first, last) for last in range(first, end)]
+            usual = choices[min(end, protocol.episodes) - first - 1]
+            block = next((each for each in choices if store.done(each.key(protocol))), usual)
+            yield block
+            first = block.last + 1
 
 
-def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]:
+def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> Iterator[Unit]:
     """Yield a unit for each block; the policies of a training seed are read once.
 
     Raises:
@@ -131,7 +140,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str) -> Iterator[Unit]
                 f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
                 "--train-seeds 1"
             )
-    for block in episode_blocks(protocol):
+    for block in episode_blocks(protocol, store):
         acting = policies[block.train_seed]
         arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
         yield Unit(
@@ -236,7 +245,8 @@ def run_protocol(
     Raises:
         PerdureError: If a policy is missing, before anything is run, or a unit failed.
     """
-    store, units = Store(out), list(protocol_units(protocol, command))
+    store = Store(out)
+    units = list(protocol_units(protocol, command, store))
     store.warn_of_other_source(unit.key for unit in units)
     run_missing(units, out, on, cores, observe)
     return [store.get(unit.key, unit.config) / LOGS for unit in units]

@@ -1,5 +1,7 @@
 """The release strategies: what each does between the gripper_goal to let go and the opening of the hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -192,3 +194,57 @@ def test_at_the_time_out_the_release_strategy_runs(table, name, monkeypatch):
 def test_unknown_strategies_are_refused():
     with pytest.raises(PerdureError, match="guarded"):
         make_strategy("gentle", Hasty())
+
+
+def act(agent, world, lanes=(0,)):
+    state, skill = world.sense(), Place()
+    return agent.act(world, np.array(lanes), skill, state, skill.begin(state))
+
+
+def test_a_hand_over_that_was_cut_off_does_not_go_on_in_the_next_place(table):
+    world, inner = start(table), Hasty(at=0)
+    agent = make_strategy("stop", inner)
+    agent.begin(world, 0, Place())
+    act(agent, world)
+    inner.at = 99
+    agent.begin(world, 0, Place())
+    assert act(agent, world)[0, 0] == inner.forward, "the policy acts"
+
+
+def test_a_hand_that_touches_down_too_early_is_blocked_and_not_done(table):
+    agent = Ik(Hasty(at=0), epsilon=0.12)
+    play(start(table, clearance=0.02), agent)
+    assert agent.outcomes == ["blocked"]
+
+
+def test_an_object_that_leaves_the_hand_meanwhile_is_lost(table):
+    world, agent = start(table), make_strategy("ik", Hasty(at=0))
+    agent.begin(world, 0, Place())
+    act(agent, world)
+    world.simulator(0).release()
+    act(agent, world)
+    assert agent.outcomes == ["lost on the way"]
+
+
+class OneLetsGo(Hasty):
+    """Every lane drives at its own speed, and lane 1 wants to let go."""
+
+    def act(self, world, lanes, skill, state, progress):
+        actions = super().act(world, lanes, skill, state, progress)
+        actions[:, 0], actions[:, GRIP] = 0.1 * (1 + lanes), np.where(lanes == 1, -1.0, 0.0)
+        return actions
+
+
+def test_a_hand_over_of_one_lane_leaves_the_others_to_their_policy(table):
+    state, skill = start(table).sense()[np.zeros(3, dtype=np.int64)], Place()
+    agent = make_strategy("stop", OneLetsGo())
+    for _ in range(2):
+        actions = agent.act(None, np.arange(3), skill, state, skill.begin(state))
+        assert actions[:, 0] == pytest.approx([0.1, 0.0, 0.3])
+
+
+def test_the_way_back_of_the_base_is_in_its_own_frame(table):
+    state = start(table).sense()
+    view = HandOverView(replace(state, base=np.array([[1.0, 2.0, np.pi / 2]])))
+    view.state = replace(state, base=np.array([[1.0, 1.9, np.pi / 2]]))
+    assert view.base_error == pytest.approx((0.1, 0.0))

@@ -7,6 +7,7 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Scripted
+from perdure.home.agents.release import Stop
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate import execute
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
@@ -17,7 +18,7 @@ from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planners import Planner
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import TASKS, SkillStep
+from perdure.home.tasks.tasks import NOTHING, SOMETHING_ELSE, TASKS, SkillStep
 from tests.home.limits import shorten
 
 LIMIT, MOST = 40, 450
@@ -180,6 +181,7 @@ def test_a_planner_is_not_asked_about_a_world_that_diverged(set_table, monkeypat
     executor = Executor({name: get_skill(name) for name in SKILLS}, agents, ExecutorOptions(lanes=1, settle_steps=7))
     first, second = executor.run(set_table.episodes[:2], observe)
     assert (first.diverged, second.diverged) == (diverges, False)
+    assert bool(first.final_objects) != diverges, "the divergence has put them back to their start"
     assert (counts[0], counts[1] - counts[0]) == (2 if diverges else 3, 3)
     assert first.length == second.length - diverges, "what follows a divergence is not recorded"
 
@@ -297,3 +299,72 @@ def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
     stood = np.array(stood[:-1])  # the oracle chooses its own place
     apart = np.linalg.norm(stood[:, None] - stood, axis=2)[np.triu_indices(len(stood), 1)]
     assert apart.min() > 0.2  # the cells are 0.3 m apart; the robot stops within 0.1 m of one
+
+
+class Keeps(Idle):
+    """Does nothing, with this object or handle in its hand from the first step on."""
+
+    def __init__(self, hold):
+        self.hold = hold
+
+    def act(self, world, lanes, skill, state, progress):
+        if progress.elapsed[0] == 0:
+            cos, sin = np.cos(state.base[0, 2]), np.sin(state.base[0, 2])
+            axes = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ state.gripper_rotation[0]
+            self.hold(world.simulator(int(lanes[0])), state.gripper[0], axes)
+        return super().act(world, lanes, skill, state, progress)
+
+
+def hold_object(lane, gripper, axes):
+    lane.hold_object(0, gripper, axes)
+
+
+def hold_handle(lane, gripper, axes):
+    lane.hold_link(0, axes.T @ (lane.handles[0] - gripper), lane.handles[0])
+
+
+@pytest.mark.parametrize(
+    ("step", "hold", "forced", "held"),
+    [
+        (SkillStep("navigate", 0, "place"), hold_object, False, 0),
+        (SkillStep("open_drawer", 0), hold_handle, True, SOMETHING_ELSE),
+    ],
+)
+def test_a_hand_is_opened_by_force_after_skills_that_end_with_an_empty_one(
+    set_table, monkeypatch, step, hold, forced, held
+):
+    shorten(monkeypatch, 5, 1000)
+    planning(monkeypatch, step, None)
+    log = run(Keeps(hold), [set_table[0]], lanes=1, settle_steps=3)[0]
+    (only,) = log.runs
+    assert (only.ending, only.forced_release) == ("timed out", forced)
+    assert [log.history.facts.held[k] for k in (only.end - 1, only.end)] == [held, NOTHING if forced else held]
+
+
+def test_tilt_and_speed_of_objects_are_mujocos(set_table, monkeypatch):
+    shorten(monkeypatch, 20, 1000)
+    planning(monkeypatch, SkillStep("pick", 0), None)
+    seen = []
+
+    def observe(world, running):
+        lane = world.simulator(0)
+        if not seen:  # thrown up, spinning
+            lane.object(0)[0][:3] = [*lane.robot[:2], 2.5]
+            lane.qvel[lane.scene.object_qvel[0] + np.arange(6)] = (0.3, 0.4, 0.0, 2.0, 1.0, 0.5)
+        seen.append((lane.data.body("object_0").xmat[8], np.linalg.norm(lane.object(0)[1])))
+
+    agents = {name: Idle() for name in SKILLS}
+    options = ExecutorOptions(lanes=1, settle_steps=3)
+    (log,) = Executor({name: get_skill(name) for name in SKILLS}, agents, options).run([set_table[0]], observe)
+    up, speed = np.array(seen).T
+    assert np.ptp(up) > 0.02
+    assert speed.max() > 0.2
+    np.testing.assert_allclose(log.history.up[1:, 0], up[1:], atol=1e-3)
+    np.testing.assert_allclose(log.history.speed[1:, 0], speed[1:], atol=1e-6)
+
+
+def test_the_oracle_counts_as_scripted_inside_a_release_strategy_too(set_table, monkeypatch):
+    shorten(monkeypatch, 2, 6)
+    planning(monkeypatch, SkillStep("place", 0), None)
+    log = run(Stop(Oracle()), [set_table[0]], lanes=1, settle_steps=3)[0]
+    assert [each.scripted for each in log.runs] == [True]

@@ -383,3 +383,16 @@ def test_a_rest_outside_its_goal_is_none_in_it():
     story = put_down(Story().pick(0), beside=0.2).wait(30)
     story.slide(0, (-0.5, 0.0, 0.0), 20, gripper=BESIDE)
     assert latched_label(story.rest((1, 2)))[1] == "rolled"
+
+
+def driven(story, force):
+    """A drive to the first target's pick."""
+    with story.run("navigate", 0, force=force):
+        story.wait(2)
+    return story
+
+
+def test_a_bump_on_another_way_to_the_same_target_is_no_reason():
+    assert latched_label(driven(missed(Story(), 0), 2100.0)) == latched_label(missed(Story(), 0))
+    assert latched_label(missed(driven(driven(Story(), 2100.0), 0.0), 0)) == latched_label(missed(Story(), 0))
+    assert latched_label(missed(driven(Story(), 2100.0), 0)) != latched_label(missed(Story(), 0)), "the control"

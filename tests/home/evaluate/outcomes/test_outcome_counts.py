@@ -14,7 +14,7 @@ from test_failure_modes import OUT, gone_in_the_end, missed, placed_and_gone
 
 import perdure.home.evaluate.log as history
 from perdure.errors import PerdureError
-from perdure.home.evaluate.analysis import STAYED, analyze, paired_difference
+from perdure.home.evaluate.analysis import SAME_PLACEMENT, STAYED, analyze, paired_difference
 from perdure.home.evaluate.comparison import by_shape, make_views
 from perdure.home.evaluate.outcomes import (
     COUNTINGS,
@@ -327,3 +327,34 @@ def test_the_final_state_is_that_of_the_last_five_seconds():
     assert final_state(late), "198 steps after the object has come back"
     assert not final_state(Story().rest(range(3)).log(meanwhile=gone_in_the_end))
     assert not final_state(Story().rest(range(2)).pick(2).log())
+
+
+def test_a_final_state_lasts_five_seconds_with_an_empty_hand():
+    held = Story().rest(range(3))
+    held.held = 2
+    assert not final_state(held.log())
+    for settle, lasts in ((149, True), (148, False)):
+        assert final_state(Story().rest(range(3)).log(settle=settle, meanwhile=out_and_back)) == lasts
+
+
+def test_what_the_oracle_helped_with_is_not_unaided():
+    log = Story().rest(range(3)).log()
+    helped = replace(log, index=1, runs=(replace(log.runs[0], scripted=True), *log.runs[1:]))
+    row = analyze([log, helped, missed(Story(index=2), 0).log()]).success.row(0, named=True)
+    assert (row["final"], row["unaided"]) == (2, 1)
+
+
+def test_episodes_and_placements_hold_what_the_log_says():
+    log = Story().go(0, forced=True, force=700.0).rest((1, 2)).log()
+    tables = analyze([log])
+    assert tables.placements["forced"].to_list() == [True, False, False]
+    assert tables.episodes.select("seconds", "force").row(0) == (log.steps / 30, 700.0)
+
+
+def test_placements_of_an_episode_are_one_unit_and_so_are_its_evaluation_seeds():
+    logs = [Story(index=k, eval_seed=seed).rest(range(3)).log() for seed, k in [(0, 0), (0, 1), (0, 2), (0, 3), (1, 0)]]
+    found = analyze(logs)
+    assert paired_difference(found.episodes, found.episodes).count == 4
+    assert paired_difference(found.placements, found.placements, keys=SAME_PLACEMENT).count == 4
+    (view,) = make_views({name: getattr(found, name) for name in ("success", "episodes")})
+    assert view.units("story") == (False, 4), "an evaluation seed is not finished"

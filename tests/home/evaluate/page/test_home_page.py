@@ -1,5 +1,6 @@
 """The page of the home benchmark: what it says about logs that were made by hand, and whether a browser draws it."""
 
+import json
 import math
 import re
 import shutil
@@ -243,6 +244,13 @@ class TestPolicies:
         assert acted == {"place": "shipped x (SHA-256 12345678)", "pick": "scripted oracle"}
         assert "<pre>go 1</pre>" in page
         assert "<pre>go 2</pre>" in page
+
+    def test_hand_overs_of_several_files_add_up(self, tmp_path):
+        counts = [{"done": 2}, {"done": 3, "blocked": 1}]
+        notes = [{"hand_overs": json.dumps(each)} for each in counts]
+        paths = [write_logs(tmp_path / f"{k}.parquet", records("ik", [good(k)]), notes[k]) for k in range(2)]
+        found = read_all(paths)[1].tables["hand_overs"]
+        assert dict(found.select("outcome", "count").rows()) == {"done": 5, "blocked": 1}
 
     @pytest.mark.parametrize("note", ["free text", "7", "[]"])
     def test_a_note_that_names_nobody_is_refused(self, tmp_path, note):

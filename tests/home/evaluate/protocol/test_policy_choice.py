@@ -15,6 +15,7 @@ from perdure.home.evaluate.protocol import EvaluationProtocol, protocol_units, r
 from perdure.home.skills import get_skill
 from perdure.home.tasks.planning import make_plan
 from perdure.horizon import Constant
+from perdure.runs import Store
 
 ORACLES = dict.fromkeys({step.skill for step in make_plan("set_table")} - {"reset_arm"}, "oracle")
 
@@ -59,6 +60,18 @@ def test_navigation_is_learned_on_one_task_for_all():
     assert choose_policies("tidy_house", 0, {"navigate": "oracle"})["navigate"].name == "oracle"
 
 
+def test_training_seeds_are_numbered_by_what_is_shipped(tmp_path, monkeypatch):
+    """Seed 3 where 1 and 2 failed; the task's own before one that is learned on another."""
+    monkeypatch.setattr(policies, "SHIPPED", tmp_path)
+    for name in ("set_table/navigate/seed-0", "set_table/navigate/seed-3", "tidy_house/navigate/seed-3"):
+        path = tmp_path / f"{name}.safetensors"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    shipped = policies.shipped_seeds("tidy_house", "navigate")
+    assert {seed: path.parts[-3] for seed, path in shipped.items()} == {0: "set_table", 3: "tidy_house"}
+    assert list(shipped) == [0, 3]
+
+
 def test_a_shipped_policy_is_named_by_its_place_and_its_content():
     shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789")
     assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
@@ -89,7 +102,8 @@ def test_a_clock_follows_the_file(timed):
     assert chosen["place"].clock == make_agents(chosen, "rl")["place"].clock == Constant(50.0)
     assert choose_policies("set_table", 0, {**ORACLES, "place": chosen["place"].source}) == chosen  # as in a replay
     assert timed("").policies_of(0)["place"].clock is None
-    units = [next(protocol_units(timed(clock), "")) for clock in ("", "@constant:50", "@constant:60", "@periodic:50")]
+    clocks = ("", "@constant:50", "@constant:60", "@periodic:50")
+    units = [next(protocol_units(timed(clock), "", Store("/nowhere"))) for clock in clocks]
     assert len({unit.config["policies"]["place"] for unit in units}) == 4
 
 

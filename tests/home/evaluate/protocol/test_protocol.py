@@ -22,32 +22,47 @@ from perdure.home.evaluate.protocol import (
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
-from perdure.runs import Work
+from perdure.runs import Store, Work
 from tests.home.limits import shorten
 
 LEARNED = {step.skill for step in make_plan("set_table")} - {"reset_arm"}
 ORACLES = dict.fromkeys(LEARNED, "oracle")
+NOWHERE = Store("/nowhere")
 
 
 def test_units_cover_every_episode_of_every_seed_once():
     protocol = EvaluationProtocol("set_table", episodes=25, train_seeds=2, eval_seeds=3)
     seen = [
         (part.train_seed, part.eval_seed, episode)
-        for part in episode_blocks(protocol)
+        for part in episode_blocks(protocol, NOWHERE)
         for episode in range(part.first, part.last + 1)
     ]
     assert sorted(seen) == [(t, e, k) for t in range(2) for e in range(3) for k in range(25)]
-    keys = [part.key(protocol) for part in episode_blocks(protocol)]
+    keys = [part.key(protocol) for part in episode_blocks(protocol, NOWHERE)]
     assert len(set(keys)) == len(keys)
 
 
+def test_more_or_fewer_episodes_repeat_none(tmp_path):
+    store, spans = Store(tmp_path), []
+    for episodes in (1, 60, 3, 99):
+        protocol = EvaluationProtocol("set_table", episodes=episodes)
+        blocks = list(episode_blocks(protocol, store))
+        spans.append([(block.first, block.last) for block in blocks])
+        for key in (block.key(protocol) for block in blocks):
+            if not store.done(key):
+                with store.workspace(key, {}):
+                    pass
+    most = [(0, 0), (1, 49), (50, 59), (60, 98)]
+    assert spans == [most[:1], most[:3], most[:2], most]
+
+
 @pytest.mark.parametrize("policies", [ORACLES, {**ORACLES, "place": "shipped"}])
-def test_copies_of_one_policy_are_no_training_seeds(policies, tmp_path):
+def test_copies_of_one_policy_are_no_training_seeds(policies):
     if policies["place"] == "shipped":
         policies = {**policies, "place": EvaluationProtocol("set_table").policies_of(0)["place"].source}
     protocol = EvaluationProtocol("set_table", episodes=1, train_seeds=2, policies=policies)
     with pytest.raises(PerdureError, match=r"training seeds 0 and 1 have the same policies: name files with \{seed\}"):
-        list(protocol_units(protocol, ""))
+        list(protocol_units(protocol, "", NOWHERE))
 
 
 ONE = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=ExecutorOptions(lanes=1))
@@ -126,7 +141,7 @@ def test_a_stored_configuration_names_the_scene_only_where_it_is_unusual():
     def config(**scene):
         options = ExecutorOptions(scene=SceneOptions(**scene))
         protocol = EvaluationProtocol("set_table", episodes=1, policies=ORACLES, options=options)
-        return next(protocol_units(protocol, "")).config
+        return next(protocol_units(protocol, "", NOWHERE)).config
 
     usual = config()
     committed = {"apple", "episodes", "eval_seed", "mujoco", "perdure", "physics_hz", "place", "policies"}
@@ -168,7 +183,7 @@ def test_a_policy_that_changed_meanwhile_is_refused(tmp_path):
     path = tmp_path / "place.safetensors"
     path.write_bytes((SHIPPED / "set_table/place/seed-0.safetensors").read_bytes())
     protocol = EvaluationProtocol("set_table", episodes=1, policies={**ORACLES, "place": str(path)})
-    unit = next(protocol_units(protocol, ""))
+    unit = next(protocol_units(protocol, "", NOWHERE))
     path.write_bytes((SHIPPED / "set_table/pick/seed-0.safetensors").read_bytes())
     _load.cache_clear()  # as in another process
     with pytest.raises(PerdureError, match=r"place\.safetensors has changed"):

@@ -14,7 +14,7 @@ from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planners import ATTEMPTS, LEARNED, PLANNERS, ClosedLoop, Planner, find_container, needed_skills
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import NOTHING, TASKS, WorldFacts
+from perdure.home.tasks.tasks import NOTHING, TASKS, SkillStep, WorldFacts
 
 FLOOR = (0.0, 0.0, 0.05)
 OPEN = {"drawer": 0.45, "fridge": 1.9}
@@ -243,3 +243,21 @@ def test_a_closed_loop_may_open_what_the_plan_does_not_and_unknown_planners_are_
     assert list(PLANNERS) == ["open", "closed"]
     with pytest.raises(PerdureError, match="planner"):
         ExecutorOptions(planner="half")
+
+
+def test_the_door_in_front_of_a_goal_is_seen_although_the_object_lies_elsewhere():
+    world = World("prepare_groceries")
+    seen = ClosedLoop(world.episode).seen(world.facts, SkillStep("open_fridge", 2))
+    assert (world.episode.container(2), seen.container(2)) == (None, FRIDGE_DOOR)
+    world.objects[2] = world.episode.goals[2].position + np.array([0.0, 0.0, -0.35])
+    assert find_container(world.episode, 2, world.facts) == FRIDGE_DOOR, "on another shelf"
+
+
+def test_a_moved_object_lies_on_the_nearest_open_receptacle():
+    world = World("tidy_house")
+    home, goal = world.episode.apartment(), np.array(world.episode.goals[0].position)
+    world.objects[0] = goal
+    seen = ClosedLoop(world.episode).seen(world.facts, SkillStep("pick", 0)).objects[0].receptacle
+    there = [each for each in home.receptacles if home.container(each.unique_name) is None]
+    away = {each.unique_name: np.linalg.norm(home.surface_to_room(each, np.zeros(2)) - goal) for each in there}
+    assert seen == min(away, key=away.get)
