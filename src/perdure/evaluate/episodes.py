@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import product
+from numbers import Real
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -103,11 +104,6 @@ class Extrapolation:
             raise PerdureError(f"give steps or hours, not both: got {self.steps} steps and {self.hours} hours")
         if self.hours is not None and not (isinstance(self.hours, int | float) and 0.0 < self.hours < math.inf):
             raise PerdureError(f"hours must be a number above 0, got {self.hours!r}")
-        seeds = MAX_SEED + 1 - FIRST_EVAL_SEED
-        if self.first_eval_seed + (asked := self.eval_seeds or DISTURBED_SEEDS) > seeds:
-            raise PerdureError(
-                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {asked}"
-            )
         object.__setattr__(self, "policies", tuple(map(Path, _tuple("policies", self.policies, str | Path))))
         for name in ("clocks", "modules", "disturb"):
             if getattr(self, name) is not None:
@@ -121,7 +117,11 @@ class Extrapolation:
         self.deployment_clocks(None, 1)
         if self.disturb == ():
             raise PerdureError(f'disturb must name something: ("{CALM}",) disturbs nothing')
-        _ = self._asked(1.0)
+        seeds, asked = MAX_SEED + 1 - FIRST_EVAL_SEED, max(each.eval_seeds for each in self._asked(1.0))
+        if self.first_eval_seed + asked > seeds:
+            raise PerdureError(
+                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {asked}"
+            )
 
     def _asked(self, step_seconds: float) -> list[Condition]:
         """Return the conditions, before it is known what the world can do."""
@@ -438,7 +438,7 @@ def _run(
     infos = getattr(world, "infos", ())
     found = {name: [info.get(name) for info in infos] for name in MEASURES if any(name in info for info in infos)}
     measures = {
-        name: np.array([value if isinstance(value, float) and value >= 0.0 else math.nan for value in values])
+        name: np.array([value if isinstance(value, Real) and value >= 0.0 else math.nan for value in values])
         for name, values in found.items()
     }
     return replace(recorder.records(), step_seconds=world.spec.step_seconds, measures=measures)

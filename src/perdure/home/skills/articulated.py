@@ -86,6 +86,10 @@ class Articulated(Skill):
         """Return the direction in which the handle faces, in the room. Shape (n, 3)."""
         return state.front
 
+    def way_to_handle(self, state: PrivilegedState) -> FloatArray:
+        """Return the length of the gripper point's way to the handle in [m]. Shape (n,)."""
+        return norm(state.handle - state.gripper)
+
     def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
         """See `Skill.observation_terms`."""
         joint = obs.ObservationTerm(
@@ -103,7 +107,7 @@ class Articulated(Skill):
         self, before: PrivilegedState, after: PrivilegedState, was: SkillProgress, now: SkillProgress
     ) -> Mapping[str, FloatArray]:
         """See `Skill.reward_terms`."""
-        approach = norm(before.handle - before.gripper) - norm(after.handle - after.gripper)
+        approach = self.way_to_handle(before) - self.way_to_handle(after)
         moved = np.abs(self.wanted - before.link_position) - np.abs(self.wanted - after.link_position)
         retract = obs.rest_distance(before) - obs.rest_distance(after)
         let_go = now.released & ~was.released & self.is_accepted(after.link_position)
@@ -171,6 +175,8 @@ def success_text(position: str) -> str:
     return f"{position}, the hand is empty and the gripper is within {RETRACTED:g} m of rest"
 
 
+PAST_EDGE = 0.1
+"""From a door's handle past its free edge in [m]."""
 STOP_YIELD = 0.005
 """Yield of the simulated stop to a pulling hand in [m]; a drawer at its stop is open (our choice)."""
 OTHERS_OPEN = 0.1
@@ -240,3 +246,13 @@ class CloseFridge(Fridge):
     success_text = success_text("the door is within 0.15 rad of 0")
     object_at_start = "goal"
     start_range = (np.pi / 2.0 - 0.15, 2.356)
+    rewards: ClassVar = {
+        **Articulated.rewards,
+        "approach": f"{Articulated.rewards['approach']}; behind the open door the way leads around its edge",
+    }
+
+    def way_to_handle(self, state: PrivilegedState) -> FloatArray:
+        """See `Articulated.way_to_handle`: a straight one through the door would end behind it, out of reach."""
+        away, front = state.gripper - state.handle, self.front(state)
+        edge = PAST_EDGE * np.stack([-front[:, 1], front[:, 0], np.zeros(len(state))], axis=1)
+        return np.where((away * front).sum(axis=1) < 0.0, norm(away - edge) + PAST_EDGE, norm(away))
