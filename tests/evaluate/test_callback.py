@@ -148,3 +148,21 @@ def test_ppo_of_stable_baselines3_logs_its_verdict(tmp_path):
     assert logged["perdure/holds_action_noise:0.1"][-1] == (final["outcome"] == "holds").mean()
     assert logged["perdure/mean_return_action_noise:0.1"][-1] == pytest.approx(final["return"].mean())
     assert final["end_step"].to_list() == [300, 300]
+
+
+class Remembering(Model):
+    """A recurrent policy, whose state counts its calls."""
+
+    def __init__(self):
+        super().__init__()
+        self.policy.lstm_actor = self.counts = []
+
+    def predict(self, observations, state=None, starts=None, deterministic=False):
+        self.counts.append(state)
+        return np.clip(observations[:, :1], -1, 1), (state or 0) + 1
+
+
+def test_a_recurrent_policy_keeps_its_memory(module):
+    model = Remembering()
+    learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1, disturb=["none"]), model, 50)
+    assert model.counts[:3] == [None, 1, 2]

@@ -6,9 +6,22 @@ import numpy as np
 import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_state, state, step_reward
 
+from perdure.home.sim.apartments import make_apartment
+from perdure.home.sim.pieces import FRIDGE_DOOR
 from perdure.home.sim.robot import REST_ARM
 from perdure.home.sim.simulator import ARM, GRIP
-from perdure.home.skills import CloseDrawer, Navigate, OpenDrawer, OpenFridge, Pick, Place, ResetArm, get_skill
+from perdure.home.skills import (
+    CloseDrawer,
+    CloseFridge,
+    Navigate,
+    OpenDrawer,
+    OpenFridge,
+    Pick,
+    Place,
+    ResetArm,
+    get_skill,
+)
+from perdure.home.skills.articulated import PAST_EDGE
 
 HELD = state(held=BOWL, object=[1.0, 0.5, 0.8])
 
@@ -122,6 +135,25 @@ def test_the_fridge_earns_2_per_radian_beyond_the_angle_of_the_stage():
     assert [bool(skill.is_accepted(np.array(q))) for q in (1.66, 1.68)] == [False, True]
     moved = [step_reward(skill, held, change(held, link_position=q))[1]["move"] for q in (1.33, 1.53, 1.83)]
     assert moved == pytest.approx([-0.2, 0.2, 0.8])
+
+
+def test_the_way_to_the_handle_of_an_open_door_leads_around_its_free_edge():
+    """The hinge turns to the right: a door at pi/2 of a fridge that faces x faces -y, with its free edge toward x."""
+    skill, handle = CloseFridge(), np.array([0.8, 0.0, 1.0])
+    for away, way in (((0.0, 0.2), np.hypot(0.2, 0.1) + 0.1), ((0.0, -0.2), 0.2), ((0.3, 1e-12), 0.3)):
+        there = state(handle=handle, link_position=np.pi / 2, gripper=handle + np.array([*away, 0.0]))
+        assert skill.way_to_handle(there) == close(way)
+        assert OpenFridge().way_to_handle(there) == close(np.hypot(*away))
+
+
+def test_the_free_edge_of_the_doors_way_is_beyond_that_of_the_real_door():
+    apartment, q = make_apartment(0, 0), 1.9
+    piece, door = apartment.piece_of(FRIDGE_DOOR).pose, apartment.articulation(FRIDGE_DOOR)
+    x, _, z = door.handle
+    edge = np.array([x, max(solid.center[1] + solid.half[1] for solid in door.solids), z])
+    handle, beside = (piece.to_room(door.to_piece(np.asarray(point), q)) for point in (door.handle, edge))
+    front = CloseFridge().front(state(front=[np.cos(piece.yaw), np.sin(piece.yaw), 0.0], link_position=q))[0]
+    assert 0.05 < (beside - handle) @ [-front[1], front[0], 0.0] < PAST_EDGE
 
 
 def test_a_drawer_moved_without_holding_its_handle_earns_nothing():
