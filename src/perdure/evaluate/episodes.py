@@ -438,7 +438,7 @@ def _run(
     infos = getattr(world, "infos", ())
     found = {name: [info.get(name) for info in infos] for name in MEASURES if any(name in info for info in infos)}
     measures = {
-        name: np.array([value if isinstance(value, Real) and value >= 0.0 else math.nan for value in values])
+        name: np.array([value if isinstance(value, Real) and float(value) >= 0.0 else math.nan for value in values])
         for name, values in found.items()
     }
     return replace(recorder.records(), step_seconds=world.spec.step_seconds, measures=measures)

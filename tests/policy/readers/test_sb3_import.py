@@ -72,7 +72,7 @@ def test_a_training_horizon_of_the_user_s_own_replaces_the_step_limit():
         warnings.simplefilter("error")
         timed = imported("sac-time", time_feature="linear", training_horizon=50)
     assert (timed.protocol.embedding, timed.protocol.horizon) == (TimeFeature(50), Fixed(50))
-    with pytest.raises(PerdureError, match="training_horizon must be at least 1, got 0"):
+    with pytest.raises(PerdureError, match="training_horizon must be from 1 to 100,000,000, got 0"):
         imported("trpo", training_horizon=0)
 
 
