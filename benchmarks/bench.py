@@ -104,8 +104,7 @@ def train(task: str) -> tuple[float, float]:
         return float(peer("0", "train", {**config, "form": form})["steps_per_second"])
 
     return alternate(
-        lambda: ours("0", "train", task, ITERATIONS[task])["steps_per_second"],
-        lambda: max(map(theirs, FORMS)),
+        lambda: ours("0", "train", task, ITERATIONS[task])["steps_per_second"], lambda: max(map(theirs, FORMS))
     )
 
 

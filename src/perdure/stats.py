@@ -132,10 +132,7 @@ def t_interval(units: Units, confidence: float = CONFIDENCE) -> Interval:
 
 
 def bootstrap_interval(
-    units: Units,
-    rng: np.random.Generator,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
+    units: Units, rng: np.random.Generator, confidence: float = CONFIDENCE, resamples: int = RESAMPLES
 ) -> Interval:
     """Estimate the mean over units, with a percentile bootstrap [Efron, 1979] at every point of a curve on its own.
 

@@ -120,11 +120,7 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
     """
 
     def __init__(
-        self,
-        env: gymnasium.Env[Any, Any],
-        embedding: Embedding,
-        clock: Clock | None = None,
-        dict: bool = False,
+        self, env: gymnasium.Env[Any, Any], embedding: Embedding, clock: Clock | None = None, dict: bool = False
     ) -> None:
         RecordConstructorArgs.__init__(self, embedding=embedding, clock=clock, dict=dict)
         super().__init__(env)

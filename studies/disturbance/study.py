@@ -18,14 +18,7 @@ from perdure.runs import Store, Unit, Work, file_digest
 from perdure.runs.progress import total_share
 from studies.disturbance.claims import claims_table, speed_while_working
 from studies.disturbance.cure import cure_table
-from studies.disturbance.grid import (
-    FIRST_START,
-    GRIDS,
-    STARTS,
-    Condition,
-    Subject,
-    subjects,
-)
+from studies.disturbance.grid import FIRST_START, GRIDS, STARTS, Condition, Subject, subjects
 from studies.disturbance.tables import all_tables, draw_figures, page_tables
 from studies.files import include_tables, read_parquet_file, write_csv, write_parquet_file
 
@@ -77,12 +70,7 @@ def evaluate(
     if world:
         files = [_moved(path, world, work.folder / path.name) for path in files]
     evaluation = Extrapolation(
-        tuple(files),
-        steps,
-        ("constant:500",),
-        starts,
-        first_eval_seed=first,
-        disturb=tuple(disturb),
+        tuple(files), steps, ("constant:500",), starts, first_eval_seed=first, disturb=tuple(disturb)
     )
     result = evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
     rows = result.final().select(COLUMNS).with_columns(speed=speed_while_working(result.frame))

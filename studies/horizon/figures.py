@@ -11,17 +11,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report import charts, wording
-from perdure.report.charts import (
-    Axis,
-    Curve,
-    Figure,
-    Marker,
-    Points,
-    Style,
-    curve_chart,
-    point_chart,
-    slug,
-)
+from perdure.report.charts import Axis, Curve, Figure, Marker, Points, Style, curve_chart, point_chart, slug
 from perdure.stats import (
     FEWEST_FOR_INTERVAL,
     TRAINING_SEEDS,

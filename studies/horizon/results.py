@@ -151,9 +151,7 @@ def name_clocks(table: pl.DataFrame) -> pl.DataFrame:
     number = pl.col("clock_steps").fill_nan(0.0).cast(pl.Int64).cast(pl.String)
     whole = (pl.col("clock_kind") == "countdown") & (pl.col("clock_steps") == pl.col("test_horizon"))
     plain = whole | (pl.col("clock_kind") == "none")
-    return table.with_columns(
-        clock=pl.when(plain).then("clock_kind").otherwise(pl.col("clock_kind") + ":" + number),
-    )
+    return table.with_columns(clock=pl.when(plain).then("clock_kind").otherwise(pl.col("clock_kind") + ":" + number))
 
 
 def freeze_episodes(table: pl.DataFrame, setting: str, method: str, split: str) -> pl.DataFrame:

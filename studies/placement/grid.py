@@ -103,11 +103,7 @@ SMOKE_ROWS = (
     *_rows(1, TASKS[:2], ("rl", "ik"), (0.0,), "open"),
     *_rows(1, SET_TABLE, ("rl", "ik"), (0.0,), "closed", "val"),
 )
-GRIDS = {
-    "smoke": _smaller(SMOKE_ROWS, 2),
-    "laptop": _smaller(THESIS_ROWS, 30),
-    "thesis": THESIS_ROWS,
-}
+GRIDS = {"smoke": _smaller(SMOKE_ROWS, 2), "laptop": _smaller(THESIS_ROWS, 30), "thesis": THESIS_ROWS}
 
 
 def make_grid(scale: str, phases: Sequence[int]) -> tuple[Row, ...]:

@@ -286,20 +286,12 @@ def import_model(
 
     refuse_replacing(out)
     found = import_file(
-        *(model, env),
-        normalizer=normalizer,
-        time_feature=time_feature,
-        training_horizon=training_horizon,
-        trust=trust,
+        *(model, env), normalizer=normalizer, time_feature=time_feature, training_horizon=training_horizon, trust=trust
     )
     print(save_policy(found, out))
 
 
-def export(
-    policy: PolicyName,
-    out: tyro.conf.Positional[Path] = Path("policy.onnx"),
-    clock: str | None = None,
-) -> None:
+def export(policy: PolicyName, out: tyro.conf.Positional[Path] = Path("policy.onnx"), clock: str | None = None) -> None:
     """Export a policy as an ONNX model, checked with onnxruntime. Needs the extra perdure[onnx].
 
     Args:
@@ -368,11 +360,7 @@ def find_table(path: Path) -> Path:
 
 
 def write_and_show(
-    table: Path,
-    out: Path,
-    formats: Sequence[Format] = ("png",),
-    require: str | None = None,
-    as_json: bool = False,
+    table: Path, out: Path, formats: Sequence[Format] = ("png",), require: str | None = None, as_json: bool = False
 ) -> None:
     """Write the report of a table into ``out``; print the summary and the path of the report.
 

@@ -15,15 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from perdure.envs.suites import unknown_task
-from perdure.envs.world import (
-    FloatArray,
-    IntArray,
-    Step,
-    TaskSpec,
-    TrackedWorld,
-    checked_actions,
-    checked_seeds,
-)
+from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec, TrackedWorld, checked_actions, checked_seeds
 from perdure.errors import PerdureError, note_call
 
 if TYPE_CHECKING:

@@ -16,14 +16,7 @@ from perdure.envs import OpenEnv, TaskSpec, make_world, refuse_import, report_su
 from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, is_contract, task_source_digest
 from perdure.errors import PerdureError
-from perdure.evaluate.episodes import (
-    FIRST_EVAL_SEED,
-    Condition,
-    EpisodeSpec,
-    Extrapolation,
-    evaluate_episodes,
-    split,
-)
+from perdure.evaluate.episodes import FIRST_EVAL_SEED, Condition, EpisodeSpec, Extrapolation, evaluate_episodes, split
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
     TABLE,

@@ -124,10 +124,7 @@ def train_seed(policy: PolicyLike) -> int:
 
 
 def episode_table(
-    labels: Sequence[str],
-    policies: Sequence[PolicyLike],
-    episodes: Sequence[EpisodeSpec],
-    records: EpisodeRecords,
+    labels: Sequence[str], policies: Sequence[PolicyLike], episodes: Sequence[EpisodeSpec], records: EpisodeRecords
 ) -> pl.DataFrame:
     """Return one row for each episode and recorded step.
 

@@ -47,11 +47,7 @@ RELEASES = {
     "ik": "stop, lower 5 cm",
     "guarded": "stop, lower to contact",
 }
-WORLDS = {
-    "drag": "drag only",
-    "hull-apple": "apple a convex hull",
-    "closed": "planned again after each skill",
-}
+WORLDS = {"drag": "drag only", "hull-apple": "apple a convex hull", "closed": "planned again after each skill"}
 """Word in the name of a strategy to what a reader sees."""
 OUTCOMES = {
     SUCCESS: "every object stayed",

@@ -67,8 +67,7 @@ class Target:
     cylinder: Annotated[bool, Column("whether it is an upright cylinder (a can)", _FLAG)]
     container: Annotated[str, Column('where it starts: "drawer", "fridge" or ""', Choice(CONTAINERS))]
     goal: Annotated[
-        Vec3,
-        Column("goal of its middle, at rest and upright", _PLACE, "m", ("goal_x", "goal_y", "goal_z")),
+        Vec3, Column("goal of its middle, at rest and upright", _PLACE, "m", ("goal_x", "goal_y", "goal_z"))
     ]
 
 
@@ -91,8 +90,7 @@ class SkillRun:
         Column("largest normal contact force at arm, hand and held object, not the base; nan: unknown", _MEASURED, "N"),
     ] = math.nan
     reach: Annotated[
-        float,
-        Column("smallest distance of the gripper point from the target's middle; nan: unknown", _MEASURED, "m"),
+        float, Column("smallest distance of the gripper point from the target's middle; nan: unknown", _MEASURED, "m")
     ] = math.nan
 
 

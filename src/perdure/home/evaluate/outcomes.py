@@ -23,16 +23,7 @@ from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.simulator import GRASP_RADIUS
-from perdure.home.tasks.tasks import (
-    AT,
-    DRAWER_OPEN,
-    FRIDGE_OPENED,
-    NOTHING,
-    SOMETHING_ELSE,
-    Predicate,
-    WorldFacts,
-    at,
-)
+from perdure.home.tasks.tasks import AT, DRAWER_OPEN, FRIDGE_OPENED, NOTHING, SOMETHING_ELSE, Predicate, WorldFacts, at
 
 Counting = Literal["latched", "stabilizing"]
 COUNTINGS: tuple[Counting, ...] = get_args(Counting)

@@ -16,13 +16,7 @@ from perdure.home.agents.release import HandOver
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
-from perdure.home.evaluate.policies import (
-    ReleaseChoice,
-    SkillPolicy,
-    choose_policies,
-    make_agents,
-    read_release,
-)
+from perdure.home.evaluate.policies import ReleaseChoice, SkillPolicy, choose_policies, make_agents, read_release
 from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
@@ -165,12 +159,7 @@ def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol
 
 
 def run_block(
-    work: Work,
-    *,
-    protocol: EvaluationProtocol,
-    block: EpisodeBlock,
-    policies: Policies,
-    command: str,
+    work: Work, *, protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies, command: str
 ) -> None:
     """Execute a block and write its logs into the work folder; the function of the units.
 

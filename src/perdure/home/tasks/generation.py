@@ -39,11 +39,7 @@ Refusal = Callable[[str], None]
 
 
 def generate_episodes(
-    task: str,
-    split: str,
-    seed: int = 0,
-    refused: Refusal = lambda reason: None,
-    per_apartment: int | None = None,
+    task: str, split: str, seed: int = 0, refused: Refusal = lambda reason: None, per_apartment: int | None = None
 ) -> EpisodeSet:
     """Return all episodes of a task and split (a key of `PER_APARTMENT`); another seed gives other episodes.
 
@@ -60,12 +56,7 @@ def generate_episodes(
 
 
 def generate_episode(
-    task: str,
-    split: str,
-    index: int,
-    apartment: tuple[int, int],
-    seed: int = 0,
-    refused: Refusal = lambda reason: None,
+    task: str, split: str, index: int, apartment: tuple[int, int], seed: int = 0, refused: Refusal = lambda reason: None
 ) -> Episode:
     """Return one episode in the apartment (macro, micro); it depends on its arguments only, not on other episodes.
 
@@ -222,10 +213,7 @@ TIMESTEP = 1.0 / 240.0
 
 
 def settle(
-    apartment: Apartment,
-    opened: dict[str, float],
-    placements: Sequence[Placement],
-    seconds: float = SECONDS,
+    apartment: Apartment, opened: dict[str, float], placements: Sequence[Placement], seconds: float = SECONDS
 ) -> tuple[tuple[Placement, ...], FloatArray, FloatArray]:
     """Simulate objects in an apartment for some seconds.
 

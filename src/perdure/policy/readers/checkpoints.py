@@ -47,12 +47,7 @@ _NETWORKS = {"policy": "actor_mean", "value": "critic"}
 
 
 def import_cleanrl(
-    path: str | Path,
-    env: str,
-    *,
-    normalizer: Any = None,
-    training_horizon: int | None = None,
-    measure: bool = True,
+    path: str | Path, env: str, *, normalizer: Any = None, training_horizon: int | None = None, measure: bool = True
 ) -> Policy:
     """Return the policy of a CleanRL model, acting with its mean.
 
