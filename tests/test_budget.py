@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = ("src", "studies", "benchmarks", "tools")
-MOST_LINES = 35_936
+MOST_LINES = 35_840
 """Lines of Python in CODE."""
 MOST_FILES = 164
 """Python files in CODE."""

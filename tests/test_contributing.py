@@ -41,6 +41,7 @@ def test_the_clock():
     elapsed, horizon = kind(500).time(np.array([0, 100, 249, 250, 600]))
     assert (horizon - elapsed).tolist() == [500, 400, 251, 500, 400]
     assert parse_clock("hourglass:500") == kind(500)
+    assert kind(0).time(np.arange(3.0))[0].tolist() == [0, 0, 0]
 
 
 def test_the_embedding():

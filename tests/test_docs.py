@@ -14,7 +14,13 @@ import api_pages
 import cli_page
 import pytest
 
+from perdure.disturbances import KINDS
+from perdure.home.agents.release import STRATEGIES
+from perdure.horizon import Clock
+from perdure.learn.presets import METHODS
+
 ROOT = Path(__file__).parents[1]
+OWN_CLOCKS = [name for name, kind in Clock.kinds().items() if kind.__module__ == "perdure.horizon"]
 GENERATED = ("docs/reference/api", "docs/reference/cli.md", "docs/home/skills.md", "docs/_build")
 PAGES = {
     name: path.read_text()
@@ -100,6 +106,21 @@ def faults(text, folder):
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page_names_only_what_exists(name):
     assert faults(PAGES[name], (ROOT / name).parent) == []
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("reference/clocks.md", OWN_CLOCKS),
+        ("reference/methods.md", METHODS),
+        ("how-to/disturb-a-policy.md", KINDS),
+        ("home/world.md", STRATEGIES),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_a_page_about_names_has_them_all(page, names):
+    text = (ROOT / "docs" / page).read_text()
+    assert [name for name in names if not re.search(rf"`{name}\b", text)] == []
 
 
 def test_every_page_is_listed_in_the_index():

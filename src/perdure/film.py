@@ -54,8 +54,7 @@ def check_film(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
         kind = "a film" if ".mp4" in suffixes else "a picture"
         raise PerdureError(f"{kind} is written as {', '.join(suffixes)}, not as {path.name}")
     needed = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
-    missing = [name for module, name in needed.items() if not find_spec(module)]
-    if missing:
+    if missing := [name for module, name in needed.items() if not find_spec(module)]:
         raise PerdureError(f"films and pictures need {' and '.join(missing)}: pip install 'perdure[film]'")
     refuse_replacing(path)
 

@@ -41,7 +41,6 @@ __all__ = [
     "parse_clock",
 ]
 
-
 T = TypeVar("T")
 _Whole = Annotated[int, Meta(ge=-100_000_000, le=100_000_000)]
 """Of steps or of components, in files."""

@@ -24,7 +24,6 @@ from perdure.errors import PerdureError
 if TYPE_CHECKING:
     import polars as pl
 
-
 LARGEST = 1e100
 """Numbers are at most this, so that their squares are numbers too."""
 DEEPEST = 20
@@ -317,8 +316,7 @@ def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:
         values = column(name)
         if values.null_count():
             raise PerdureError(f"it has missing values in column {name!r}")
-        row = _first(values.to_frame(), kind.misfits(pl.col(name)))
-        if row is not None:
+        if (row := _first(values.to_frame(), kind.misfits(pl.col(name)))) is not None:
             raise PerdureError(f"row {row}: {name} must be {kind.allowed}, not {_shown(values[row])}")
     for rule in table.rules:
         wrong = rule.broken(pl.col)

@@ -216,7 +216,7 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._observe(observation), reward, terminated, truncated, info
 
     def _observe(self, observation: Any) -> Any:
-        if not self._disturber.observation_std.size:
+        if not _is_box(self.env.observation_space):
             return observation
         rows = np.array(observation, float).reshape(1, -1)
         noisy = self._disturber.observe(rows, self._lane, self._elapsed)

@@ -125,10 +125,7 @@ def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl
     low, lower, high = np.quantile(drawn, (0.025, LEVEL, 0.975))
     return {
         "claim": number,
-        "left": claim.left,
-        "right": claim.right,
-        "condition": claim.condition,
-        "measure": claim.measure,
+        **{name: getattr(claim, name) for name in ("left", "right", "condition", "measure")},
         "task": task,
         "runs": min(len(side) for pair in pairs for side in pair),
         "left mean": np.mean([left.mean() for left, _ in pairs]),

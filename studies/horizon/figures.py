@@ -257,11 +257,5 @@ def _critic_figure(results: Results) -> Iterator[Figure]:
     }
     if unexplained:
         note = "Share of the variance of the returns to go that the value does not explain. {intervals}"
-        yield _setting_figure(
-            unexplained,
-            slug(measure),
-            "What the critic leaves unexplained",
-            "unexplained share of variance",
-            note,
-            rings=False,
-        )
+        title, axis = "What the critic leaves unexplained", "unexplained share of variance"
+        yield _setting_figure(unexplained, slug(measure), title, axis, note, rings=False)

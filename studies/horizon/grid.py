@@ -152,25 +152,14 @@ LAPTOP_ROWS = (
 )
 SMOKE_ROWS = _rows(("InvertedPendulum-v4",), ZOO, (*THESIS_METHODS, "ppo-short", *WORKERS, *CONTROLS), 2, 1)
 
+_VALIDATION, _OTHER_CLOCKS = Split("validation", 1000, 2), ("periodic:500", "countdown")
+_SMOKE_CLOCKS = ("constant:100", "constant:500", *_OTHER_CLOCKS)
 GRIDS = {
     grid.name: grid
     for grid in (
-        Grid(
-            "smoke",
-            SMOKE_ROWS,
-            (Split("validation", 1000, 2), Split("test", 2000, 3)),
-            2_000,
-            ("constant:100", "constant:500", "periodic:500", "countdown"),
-            training_steps=4_096,
-        ),
-        Grid(
-            "laptop",
-            LAPTOP_ROWS,
-            (Split("validation", 1000, 2), Split("test", 2000, 5)),
-            100_000,
-            (*CONSTANTS, "periodic:500", "countdown"),
-        ),
-        Grid("thesis", THESIS_ROWS, (Split("validation", 1000, 2), Split("test", 2000, 10)), 100_000, ("sweep",)),
+        Grid("smoke", SMOKE_ROWS, (_VALIDATION, Split("test", 2000, 3)), 2_000, _SMOKE_CLOCKS, training_steps=4_096),
+        Grid("laptop", LAPTOP_ROWS, (_VALIDATION, Split("test", 2000, 5)), 100_000, (*CONSTANTS, *_OTHER_CLOCKS)),
+        Grid("thesis", THESIS_ROWS, (_VALIDATION, Split("test", 2000, 10)), 100_000, ("sweep",)),
     )
 }
 

@@ -104,13 +104,12 @@ EPISODES = FrozenTable(
         "curve": pl.List(pl.Float32),
     },
 )
+_RUN_COLUMNS = {"setting": pl.String, "method": pl.String, "train_seed": pl.Int64}
 LEARNING = FrozenTable(
     "learning.parquet",
     RUN,
     {
-        "setting": pl.String,
-        "method": pl.String,
-        "train_seed": pl.Int64,
+        **_RUN_COLUMNS,
         "step": pl.Float64,  # training steps at the end of this fiftieth
         "episodes": pl.Int64,
         "return": pl.Float64,
@@ -121,9 +120,7 @@ MECHANISMS = FrozenTable(
     "mechanism.parquet",
     RUN,
     {
-        "setting": pl.String,
-        "method": pl.String,
-        "train_seed": pl.Int64,
+        **_RUN_COLUMNS,
         "measure": pl.String,
         "at": pl.Int64,  # steps to go; null for a measure of the whole run
         "result": pl.Float64,
@@ -141,7 +138,6 @@ CLOCKS = FrozenTable(
         "simulated_steps": pl.Int64,
     },
 )
-
 
 TABLES = (EPISODES, LEARNING, MECHANISMS, CLOCKS)
 
@@ -301,7 +297,7 @@ def select(
         for place, row in enumerate(grid.rows)
         for seed in row.seeds
     ]
-    kinds = {**{name: LEARNING.columns[name] for name in RUN}, "row": pl.Int64, "evaluated": pl.Boolean}
+    kinds = {**_RUN_COLUMNS, "row": pl.Int64, "evaluated": pl.Boolean}
     order = pl.DataFrame(seeds, schema=kinds, orient="row")
 
     def known(frame: pl.DataFrame) -> pl.DataFrame:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,11 +73,10 @@ class Rollout:
 def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Rollout:
     """Run a policy in one episode for each clock, each from a different start state, without a horizon."""
     episodes = len(clocks)
-    world = make_world(policy.task.name, [FIRST_SEED + episode for episode in range(episodes)])
     observations = np.full((steps, episodes, policy.task.observation_size), np.nan)
     rewards = np.zeros((steps, episodes))
     lengths = np.full(episodes, steps)
-    try:
+    with closing(make_world(policy.task.name, [FIRST_SEED + episode for episode in range(episodes)])) as world:
         loop = ClosedLoop(world, [EpisodePolicy(policy, clock) for clock in clocks])
         with one_thread():
             for step in range(steps):
@@ -86,8 +86,6 @@ def roll_out(policy: Policy, clocks: Sequence[Clock | None], steps: int) -> Roll
                 observations[step, moved.episodes] = moved.before
                 rewards[step, moved.episodes] = np.nan_to_num(moved.step.rewards)
                 lengths[moved.episodes[moved.step.ended]] = step + 1
-    finally:
-        world.close()
     return Rollout(observations, rewards, lengths)
 
 
@@ -173,8 +171,7 @@ def value_measures(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]
     horizon = np.broadcast_to(horizons.astype(np.float64)[None, :], within.shape)[within]
     values = policy.value(rollout.observations[within], elapsed, horizon)
     returns = returns_to_go(policy, rollout, horizons)[within]
-    spread = float(returns.std()) if len(returns) > 1 else 0.0
-    if spread == 0.0:
+    if (spread := float(returns.std()) if len(returns) > 1 else 0.0) == 0.0:
         return {}
     return {"value variance": float((returns - values).var()) / spread**2}
 

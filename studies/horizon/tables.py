@@ -83,8 +83,7 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
             continue
         difference = compare_paired(returns, chosen)
         yield {
-            "setting": row.setting,
-            "method": row.method,
+            **mine,
             "rule": rule,
             "runs": difference.count,
             "simulated steps for each run": cost.get(rule, float(used["simulated_steps"].mean() or 0.0)),  # type: ignore[arg-type]

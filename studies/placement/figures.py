@@ -49,15 +49,13 @@ def rolling_figures(tables: Tables) -> Iterator[Figure]:
     if curves:
         seeds = wording.sample([row["train_seeds"] for row in rows], "training seed")
         episodes = wording.sample([row["episodes"] for row in rows], "episode")
+        names = tuple(f"{1000 * lever:g} mm" for lever in LEVERS)
         yield Figure(
             "rolling",
             "SetTable: every object stays, by rolling resistance",
             curve_chart(
                 curves,
-                Axis(
-                    "rolling resistance, lever arm of the weight",
-                    names=tuple(f"{1000 * lever:g} mm" for lever in LEVERS),
-                ),
+                Axis("rolling resistance, lever arm of the weight", names=names),
                 Axis("share of episodes whose objects all stay until the end", percent=True),
             ),
             "Closed loop, apartments with an unseen layout. At 0 mm only drag slows a rolling object, as in Habitat; "

@@ -51,11 +51,6 @@ class Row:
         return self.protocol().name
 
     @property
-    def total(self) -> int:
-        """Episodes of all seeds."""
-        return self.episodes * self.train_seeds * self.eval_seeds
-
-    @property
     def command(self) -> str:
         """The command that runs this row alone."""
         usual = EvaluationProtocol(self.task)

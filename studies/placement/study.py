@@ -44,9 +44,7 @@ def analyze(scale: str, out: Path) -> list[Path]:
         raise PerdureError(f"there are no results of the study placement in {out}; run it first, or name another --out")
     tables = update_tables(GRIDS[scale], out)
     written = write_tables(out / "tables", tables)
-    figures = list(draw_figures(tables))
-    save(figures, out / "figures", ("svg",))
-    written += [out / "figures" / f"{figure.name}.svg" for figure in figures]
+    written += save(draw_figures(tables), out / "figures", ("svg",))
     page = out / "README.md"
     shown = {name: make(tables) for name, make in PAGE_TABLES.items()} if page.is_file() else {}
     return [*written, include_tables(page, shown)] if shown else written

@@ -196,7 +196,7 @@ def thesis_table(tables: Tables) -> pl.DataFrame:
         rows.append(
             {"task": describe_task(row["task"]), "release": f"`{row['place']}`", "thesis": success}
             | {"here (latched)": share(row, "latched"), "failed at a placement, thesis": failed}
-            | {"here": percent(stages["count"].sum() / row["episodes"])}
+            | {"failed at a placement, here": percent(stages["count"].sum() / row["episodes"])}
             | {"cans among unstable placements": f"{cans} of {unstable['failures'].sum()}"}
         )
     return _table(rows)

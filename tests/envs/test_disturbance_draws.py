@@ -90,3 +90,14 @@ def test_a_standard_always_means_the_same():
         *("action_noise:0.02", "observation_noise:0.01", "push:0.1"),
         *("mass:1.05", "friction:0.95", "strength:0.95"),
     )
+
+
+def test_what_a_new_kind_makes_of_an_observation_reaches_the_policy_everywhere(monkeypatch):
+    """It may return another array, and needs no spread of the observations."""
+    monkeypatch.setattr(Disturber, "observe", lambda self, observations, lanes, elapsed: observations + 7.0)
+    world = DisturbedWorld(GymnasiumWorld([Echo], [0]), [parse_disturbance("lag:0")], [0])
+    assert world.reset()[0, 0] == 7.0
+    assert world.step(np.array([[1.0, 0.0]])).observations[0, 0] == 8.0
+    env = Disturb(Echo(), ["lag:0"], 0)
+    assert env.reset()[0][0] == 7.0
+    assert env.step(np.array([1.0, 0.0]))[0][0] == 8.0

@@ -133,3 +133,16 @@ def test_lanes_that_do_not_fit_are_refused():
     two = LaneClocks([Constant(1), Constant(2)])
     with pytest.raises(PerdureError, match=r"shape \(2,\), one number a lane, got \(3,\)"):
         two.time([0, 0, 0])
+
+
+@pytest.mark.parametrize("steps", [0, 1, 7, 500, np.inf])
+@pytest.mark.parametrize("kind", [kind for kind in Clock.kinds().values() if kind.__module__ == "perdure.horizon"])
+def test_every_clock_tells_a_time_at_every_number_in_numpy_and_jax_and_is_stored(kind, steps):
+    clock = kind(steps)
+    times, horizons = clock.time(ELAPSED)
+    assert np.isfinite(times).all()
+    assert (np.asarray(horizons) >= 0).all()
+    with jax.enable_x64(True):
+        traced = jax.jit(clock.time)(jnp.asarray(ELAPSED))
+    np.testing.assert_array_equal(traced, np.broadcast_arrays(times, horizons))
+    assert Clock.from_json(clock.to_json()) == parse_clock(clock.label.replace("(", ":").rstrip(")")) == clock

@@ -348,7 +348,7 @@ def test_a_workspace_begun_with_another_config_is_refused(tmp_path):
         (work.folder / "half").write_text(str(1 / (work.folder / "half").write_text("")))
     with pytest.raises(PerdureError, match="steps is 100 there and 200 here"), store.workspace("unit", {"steps": 200}):
         pytest.fail("the block must not run")
-    (work.folder / "unit.json").unlink()  # nobody knows any more what made the other file
+    (work.folder / "unit.json").unlink()  # what made the other file is no longer known
     with pytest.raises(PerdureError, match=r"is damaged: .* No such file"), store.workspace("unit", {"steps": 200}):
         pytest.fail("the block must not run")
 

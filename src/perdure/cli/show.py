@@ -55,8 +55,7 @@ def policies() -> str:
 
 def _within(subject: Policy) -> str:
     """Return what a policy does within its training horizon, in one line."""
-    reference = subject.reference
-    if reference is None:
+    if (reference := subject.reference) is None:
         return "not measured"
     falls, episodes = int(reference.terminated.sum()), len(reference.lengths)
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -84,5 +85,4 @@ class DisturbedWorld:
         chosen = self._everyone if lanes is None else np.asarray(lanes)
         elapsed = self._world.elapsed[chosen]
         step = self._world.step(self._disturber.act(np.asarray(actions, np.float64), chosen, elapsed), lanes)
-        self._disturber.observe(step.observations, chosen, step.elapsed)
-        return step
+        return replace(step, observations=self._disturber.observe(step.observations, chosen, step.elapsed))

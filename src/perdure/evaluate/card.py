@@ -183,9 +183,7 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
 def _training(policy: Policy) -> str:
     known = policy.provenance
     rows = {
-        "method": known.get("method"),
-        "preset": known.get("preset"),
-        "seed": known.get("seed"),
+        **{name: known.get(name) for name in ("method", "preset", "seed")},
         "training horizon": f"{policy.protocol.horizon}, its end counts as {policy.protocol.end}",
         "discount factor": f"{policy.protocol.gamma:g}",
         "engine": known.get("engine"),

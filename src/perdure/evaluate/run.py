@@ -176,11 +176,9 @@ def _evaluate_here(
             def report(done: float, _: float, before: float = finished) -> None:
                 observe({"episodes": UnitProgress("running", before + done, total)})
 
-            world = make(specs[0].disturbances, [FIRST_EVAL_SEED + episode.eval_seed for episode in specs])
-            try:
+            seeds = [FIRST_EVAL_SEED + episode.eval_seed for episode in specs]
+            with closing(make(specs[0].disturbances, seeds)) as world:
                 rows = run_episodes([label], [policy], specs, report, world, evaluation.success)
-            finally:
-                world.close()
             # The last episode is repeated where a VectorEnv fixes their number.
             frames.append(rows.head(len(rows) // len(group) * len(set(group))))
             finished += specs[0].steps * len(set(group))

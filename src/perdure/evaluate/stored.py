@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
@@ -254,14 +254,11 @@ def _check_task(files: Sequence[_PolicyFile], modules: Sequence[str], success: s
     for file in files:
         if isinstance(file.policy, Policy):
             refuse_import(file.task, modules, str(file.path))
-    world = make_world(files[0].task, [FIRST_EVAL_SEED])
-    try:
+    with closing(make_world(files[0].task, [FIRST_EVAL_SEED])) as world:
         report_success(world, success)
         for file in files:
             check_fit(file.policy, world)
         return world.spec
-    finally:
-        world.close()
 
 
 def evaluate_files(

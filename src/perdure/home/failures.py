@@ -224,8 +224,7 @@ def _its_own(log: EpisodeLog, found: Label, condition: Predicate) -> bool:
 def failed_run(log: EpisodeLog, found: Label) -> SkillRun | None:
     """Return the run of the label's skill, or its navigation if that collided harder; else the last run."""
     skill, _, number = found.stage.partition("_")
-    run = log.run(skill, int(number))
-    if run is None:
+    if (run := log.run(skill, int(number))) is None:
         return log.runs[-1] if log.runs else None
     if found.cause != "collision":
         return run
@@ -318,8 +317,7 @@ def _numbers(replay: Replay, found: Label) -> str:
             f"released {above:.3f} m above and {away:.3f} m beside its goal at {release.object_speed:.2f} m/s, "
             f"tilted by {lean:.0f} deg; in its goal {stay} after"
         )
-    run = failed_run(log, found)
-    if run is None:
+    if (run := failed_run(log, found)) is None:
         return "no skill ended"
     span = f"{run.begin / CONTROL_HZ:.1f} to {run.end / CONTROL_HZ:.1f} s"
     reach = f"; hand {run.reach:.3f} m away at best" if run.skill == "pick" else ""

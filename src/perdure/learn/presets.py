@@ -56,6 +56,7 @@ from perdure.horizon import (
     Embedding,
     Fixed,
     Geometric,
+    HorizonDistribution,
     HorizonProtocol,
     Linear,
     Uniform,
@@ -115,7 +116,7 @@ DEPLOYED_STEPS_TO_GO = 500
 class Method:
     """One row of the table of methods."""
 
-    horizon: Fixed | Uniform
+    horizon: HorizonDistribution
     terminal: bool
     """Whether reaching T is terminal; otherwise the last observation is bootstrapped."""
     undiscounted: bool = False
@@ -173,10 +174,11 @@ def method_config(
     chosen = lookup(METHODS, method, "method")
     tuned = lookup(PRESETS, usual_preset(task) if preset is None else preset, "preset")(robot_of(task))
     gamma = 1.0 if chosen.undiscounted else tuned.gamma
-    steps = {name: max(1, value * limit // EPISODE_STEPS) for name, value in vars(chosen.horizon).items()}
+    whole = {name: value for name, value in vars(chosen.horizon).items() if isinstance(value, int)}
+    steps = {name: max(1, value * limit // EPISODE_STEPS) for name, value in whole.items()}
     protocol = HorizonProtocol(
         embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),
-        horizon=dataclasses.replace(chosen.horizon, **steps),
+        horizon=type(chosen.horizon)(**vars(chosen.horizon) | steps),
         end="terminated" if chosen.terminal else "truncated",
         gamma=gamma,
         normalizer_gamma=tuned.gamma,

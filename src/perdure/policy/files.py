@@ -74,8 +74,7 @@ def save_policy(policy: Policy, path: str | Path) -> Path:
     except PerdureError as error:
         raise PerdureError(f"{path} cannot be written: {error}") from None
     metadata = {FORMAT: description, "sha256": _digest(description, tensors)}
-    write_atomic(Path(path), _stable_header(save(tensors, metadata)))
-    return Path(path)
+    return write_atomic(path, _stable_header(save(tensors, metadata)))
 
 
 def load_policy(path: str | Path) -> Policy:
@@ -298,8 +297,7 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
         description = metadata.get(FORMAT) if isinstance(metadata, dict) else None
         if not isinstance(metadata, dict) or not isinstance(description, str):
             raise PerdureError(f"{path} is a safetensors file, but not a perdure policy; LeRobot's: {MANUAL}#lerobot")
-        checksum = metadata.get("sha256")
-        return description, checksum, start + text + file.read()
+        return description, metadata.get("sha256"), start + text + file.read()
 
 
 def _tensors(path: Path, data: bytes) -> Tensors:

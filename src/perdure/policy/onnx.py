@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["OnnxModel", "export_onnx", "is_onnx", "metadata"]
 
-
 State = dict[str, NDArray[Any]]
 """Arrays by the names of a model's inputs."""
 OPSET = 17
@@ -61,8 +60,7 @@ def is_onnx(path: str | Path) -> bool:
 
 def require() -> None:
     """Raise PerdureError unless onnx and onnxruntime are installed."""
-    missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
-    if missing:
+    if missing := [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]:
         raise PerdureError(f"ONNX needs {' and '.join(missing)}: pip install 'perdure[onnx]'")
 
 
@@ -375,8 +373,7 @@ def _check(data: bytes, what: str) -> None:
         raise PerdureError(f"{what} is not an ONNX model: it has no operators")
     own = {(each.domain, each.name) for each in model.functions}
     used = {(node.domain, node.op_type) for graph in _graphs(model) for node in graph.node}
-    foreign = sorted({domain for domain, _ in used - own} - set(DOMAINS))
-    if foreign:
+    if foreign := sorted({domain for domain, _ in used - own} - set(DOMAINS)):
         raise PerdureError(
             f"{what} uses operators of {', '.join(foreign)}, which onnxruntime has only with a library of their own; "
             "such libraries are not loaded"
@@ -439,8 +436,7 @@ def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) ->
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     data = _model(policy, clock).SerializeToString()
     _compare(policy, clock, OnnxModel(data, str(path)))
-    write_atomic(Path(path), data)
-    return Path(path)
+    return write_atomic(path, data)
 
 
 def _model(policy: Policy, clock: Clock | None) -> Any:

@@ -156,12 +156,7 @@ class Group:
     @property
     def is_tuned_by_steps(self) -> bool:
         """Whether the clock has a parameter C."""
-        return self.clock_kind in ("constant", "periodic") and bool(np.isfinite(self.clock_steps))
-
-    @property
-    def only_survival(self) -> bool:
-        """Whether every step pays the same, to an idle robot too: there is no gain, only how long an episode lasts."""
-        return bool((self["training_rate"] == self["idle_rate"]).all())
+        return self.clock_kind not in (NO_CLOCK, "countdown") and bool(np.isfinite(self.clock_steps))
 
     @property
     def falls_in_training(self) -> bool:

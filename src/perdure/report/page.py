@@ -293,11 +293,6 @@ def _outcomes(verdicts: Sequence[str]) -> str:
     return ", ".join(f"{verdict} {number}" for verdict, number in Counter(verdicts).most_common())
 
 
-def _half_failed_by(item: Estimate) -> str:
-    steps = item.group.half_failed_by
-    return wording.whole(steps) if np.isfinite(steps) else "\u2013"
-
-
 END_SCORE = "end vs training"
 _CELLS: dict[str, Callable[[Estimate], str]] = {
     "policy": lambda item: item.group.line,
@@ -311,7 +306,9 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
     "running": lambda item: _mean(item.group.alive[:, -1]),
     "ever idle": lambda item: _mean(item.group["ever_idle"]),
     "training vs published": lambda item: _mean(item.group["training_score"]),
-    "half failed by": _half_failed_by,
+    "half failed by": lambda item: (
+        wording.whole(steps) if np.isfinite(steps := item.group.half_failed_by) else "\u2013"
+    ),
     "episodes that": lambda item: _outcomes(item.group.verdicts),
 }
 """Heading to the cell of a policy and clock."""

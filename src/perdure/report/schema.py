@@ -86,7 +86,7 @@ TABLE: dict[str, Column] = {
     "train_seed": Column(Whole(), "seed of the training run", "key"),
     "train_horizon": Column(_HORIZON, "longest training horizon [steps]; inf: trained without an end; nan: unknown"),
     "clock": Column(NAME, 'the policy\'s clock, e.g. "constant(500)"; "none" for a policy without embedding', "key"),
-    "clock_kind": Column(NAME, '"constant", "periodic", "countdown", "none"'),
+    "clock_kind": Column(NAME, 'of the clock, e.g. "constant"; "none" without one'),
     "clock_steps": Column(_CLOCK_STEPS, "the clock's number, e.g. C = 500; nan where there is none"),
     "eval_seed": Column(Whole(), "start state: the same for every policy and clock of a task", "key"),
     "disturbance": Column(

@@ -190,8 +190,7 @@ def make_contract(given: Contract, folder: Path = Path()) -> Contract:
 
 def _term(given: str | Term, history: int) -> Term:
     term = Term(given) if isinstance(given, str) else given
-    name = ALIASES.get(term.name, term.name)
-    if name not in SIZES:
+    if (name := ALIASES.get(term.name, term.name)) not in SIZES:
         hint = did_you_mean(term.name, [*SIZES, *ALIASES])
         raise PerdureError(f"there is no observation term {term.name!r}; there are {', '.join(SIZES)}{hint}")
     return replace(term, name=name, history=term.history or history)

@@ -106,8 +106,7 @@ def _decorate(spec: Any, floor: Any) -> None:
 def _add_controller(spec: Any, contract: Contract, index: int, limit: float, unset: Any) -> None:
     """Add a joint's controller to the model, and change the joint where the contract says so."""
     name = contract.joints[index]
-    joint = spec.joint(name)
-    if joint is None:
+    if (joint := spec.joint(name)) is None:
         known = ", ".join(each.name for each in spec.joints if each.name)
         raise PerdureError(f"{contract.model} has no joint {name!r}; it has {known}")
     for field, attribute in JOINT_FIELDS.items():

@@ -123,8 +123,7 @@ def _remove_if_dead(leftover: Path, writer: int) -> None:
 @contextmanager
 def held(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Hold the lock at `path` for the duration of a block; if another process holds it, call `waiting` and wait."""
-    descriptor = acquire(path)
-    if descriptor is None:
+    if (descriptor := acquire(path)) is None:
         waiting()
         descriptor = acquire(path, wait=True)
     assert descriptor is not None

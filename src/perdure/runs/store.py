@@ -129,8 +129,7 @@ class Store:
         """
         unit = Identity.of(key, config)
         self._check_place(unit)
-        descriptor = acquire(self._hidden("locks") / f"work-{_flat(key)}")
-        if descriptor is None:
+        if (descriptor := acquire(self._hidden("locks") / f"work-{_flat(key)}")) is None:
             raise UnitBusyError(f"{key!r} is being run by another process in {self.root}.")
         try:
             workspace = Workspace(self._begin_work(unit))
@@ -187,8 +186,7 @@ class Store:
         """
         places = [place for key in keys for place in (self._folder(key), self.root / ".working" / _flat(key))]
         folders = [place for place in places if (place / RECORD).is_file()]
-        others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
-        if others:
+        if others := [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]:
             warnings.warn(
                 f"{len(others)} of {len(folders)} results were made by another version of perdure's source code and "
                 f"are reused, such as {others[0]}. Remove a result's folder to compute it again.",

@@ -13,7 +13,7 @@ from perdure.policy import load_policy
 from perdure.report.charts import render
 from studies.disturbance.claims import measure_runs
 from studies.files import include_tables, read_parquet_file, write_csv
-from studies.horizon.claims import effect, read_claims
+from studies.horizon.claims import Claim, effect, read_claims
 from studies.horizon.figures import all_figures
 from studies.horizon.grid import GRIDS
 from studies.horizon.results import read_results
@@ -62,6 +62,13 @@ def test_the_tables_of_the_page_are_up_to_date(results, tmp_path):
     page.write_bytes((RESULTS / "README.md").read_bytes())
     include_tables(page, page_tables(results))
     assert page.read_text() == (RESULTS / "README.md").read_text()
+
+
+def test_the_page_says_what_a_repeated_countdown_costs(results):
+    claim = Claim("", "A-2, A-3", "geometric chosen", "geometric chosen periodic", "greater")
+    found = effect(claim, results.values)
+    words = f"it scores {found.estimate:.2f} [{found.lower:.2f}, {found.upper:.2f}] less than a constant clock"
+    assert words in " ".join((RESULTS / "README.md").read_text().split())
 
 
 def test_the_answer_says_what_the_tables_say_on_three_pages(results):

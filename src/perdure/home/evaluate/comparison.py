@@ -184,10 +184,9 @@ class View:
         row = self.success(strategy)
         if (seeds := row["train_seeds"]) > 1:
             return True, seeds
-        known = "episodes" in self.tables  # a committed table of finished rows knows no more than their number
-        return False, self.rows("episodes", strategy)["index"].n_unique() if known else row["episodes"] // row[
-            "eval_seeds"
-        ]
+        if "episodes" not in self.tables:  # a committed table of finished rows knows no more than their number
+            return False, row["episodes"] // row["eval_seeds"]
+        return False, self.rows("episodes", strategy)["index"].n_unique()
 
     def has_interval(self, strategy: str) -> bool:
         """Return whether a strategy has enough units to draw intervals."""

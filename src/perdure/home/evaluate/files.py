@@ -173,8 +173,7 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
             kept).
     """
     check_distinct(logs, f"the logs for {os.fspath(path)}")
-    reserved = [name for name, value in notes.items() if name in _RESERVED or not isinstance(value, str)]
-    if reserved:
+    if reserved := [name for name, value in notes.items() if name in _RESERVED or not isinstance(value, str)]:
         raise PerdureError(f"notes say {reserved}: values must be text, and {', '.join(_RESERVED)} are the file's own")
     frame = to_frame(logs)
     try:

@@ -166,8 +166,7 @@ def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
     """
     conditions = sorted(log.home_task.stages[stage].conditions, key=_rank)
     skill, _, target = log.home_task.stages[stage].name.partition("_")
-    run = log.run(skill, int(target))
-    if run is None:
+    if (run := log.run(skill, int(target))) is None:
         return None
     begin = max(run.begin, stage_steps(log)[stage - 1] if stage else 0)
     steps, facts = moments(log)

@@ -165,8 +165,7 @@ def choose_policies(
     for skill in chosen:
         lookup(SKILLS, skill, "skill")
     learned = [each for each in needed_skills(get_task(task), planner) if each != "reset_arm"]
-    unused = [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]
-    if unused:
+    if unused := [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]:
         why = "reset_arm is scripted" if unused[0] == "reset_arm" else f"{task} never uses {unused[0]}"
         raise PerdureError(f"{why}; the skills of {task} that need a policy are {', '.join(learned)}")
     result: dict[SkillName, SkillPolicy] = {}

@@ -137,14 +137,9 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
     for block in episode_blocks(protocol, store):
         acting = policies[block.train_seed]
         arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
-        yield Unit(
-            block.key(protocol),
-            _config(protocol, block, acting),
-            f"{__name__}:run_block",
-            arguments,
-            size=float(block.last - block.first + 1),
-            cores=len(os.sched_getaffinity(0)),
-        )
+        config, size = _config(protocol, block, acting), float(block.last - block.first + 1)
+        cores = len(os.sched_getaffinity(0))
+        yield Unit(block.key(protocol), config, f"{__name__}:run_block", arguments, size=size, cores=cores)
 
 
 def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol:
@@ -190,11 +185,8 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
     """Return everything that the logs of a block depend on."""
     scene = protocol.options.scene
     return {
-        "task": protocol.task,
-        "split": protocol.split,
-        "place": protocol.place,
-        "train_seed": block.train_seed,
-        "eval_seed": block.eval_seed,
+        **{name: getattr(protocol, name) for name in ("task", "split", "place")},
+        **{name: getattr(block, name) for name in ("train_seed", "eval_seed")},
         "episodes": [block.first, block.last],
         "policies": _digests(policies),
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},

@@ -80,8 +80,7 @@ def _draw(
     surfaces = Surfaces(apartment, space)
     starts = [_any_of(apartment, target.start, rng) for target in task.targets]
     ends = [_any_of(apartment, target.goal, rng) for target in task.targets]
-    objects = _draw_objects(task, surfaces, starts, rng)
-    if objects is None:
+    if (objects := _draw_objects(task, surfaces, starts, rng)) is None:
         return "no room for the objects"
     objects, moved, _ = settle(apartment, dict(task.opened), objects)
     if (moved > MOVED).any():
@@ -91,8 +90,7 @@ def _draw(
         after.add(placement)
     goals = []
     for target, rule, end in zip(objects, task.targets, ends, strict=False):
-        goal = after.draw(target.kind, end, rng, rule.goal.ratio, lift=0.0)
-        if goal is None:
+        if (goal := after.draw(target.kind, end, rng, rule.goal.ratio, lift=0.0)) is None:
             return "no room for a goal"
         if np.linalg.norm(np.subtract(goal.position, target.position)) < APART:
             return "a goal is too close to its start"
@@ -109,8 +107,7 @@ def _draw_objects(
     rules += [(rule, None) for number, rule in task.clutter for _ in range(number)]
     objects = []
     for rule, fixed in rules:
-        placement = _draw_object(surfaces, rule, fixed, rng)
-        if placement is None:
+        if (placement := _draw_object(surfaces, rule, fixed, rng)) is None:
             return None
         surfaces.add(placement)
         objects.append(placement)
@@ -123,8 +120,7 @@ def _draw_object(
     for _ in range(PAIRINGS):
         kind = rule.objects[int(len(rule.objects) * rng.random())]
         receptacle = fixed or _any_of(surfaces.apartment, rule, rng)
-        placement = surfaces.draw(kind, receptacle, rng, rule.ratio, anywhere=fixed is None)
-        if placement is not None:
+        if (placement := surfaces.draw(kind, receptacle, rng, rule.ratio, anywhere=fixed is None)) is not None:
             return placement
     return None
 

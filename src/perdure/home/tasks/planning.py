@@ -46,8 +46,7 @@ def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
     if home_task.sequence:
         return home_task.sequence
     problem = plan_problem(task)
-    actions = solve(problem)
-    if actions is None:
+    if (actions := solve(problem)) is None:
         raise PerdureError(f"no plan solves {problem.name}: no sequence of skills ends with {' '.join(problem.final)}")
     return with_resets(*((action.skill, action.target) for action in actions))
 

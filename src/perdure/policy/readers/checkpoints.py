@@ -41,7 +41,6 @@ GAMMA = 0.99
 """Default of both; the files do not hold it, and acting does not depend on it."""
 MAX_BYTES = 500_000_000
 
-
 _NETWORKS = {"policy": "actor_mean", "value": "critic"}
 """Name of a network here, and in the file."""
 

@@ -82,8 +82,7 @@ class _Reader(_Unpickler):  # type: ignore[misc]
         self._allowed, self._what, self._stubs = allowed, what, dict[str, type[Stub]]()
 
     def find_class(self, module: str, name: str) -> type[Stub]:
-        path = f"{module}.{name}"
-        if path not in self._allowed:
+        if (path := f"{module}.{name}") not in self._allowed:
             raise PerdureError(
                 f"{self._what} asks for the Python object {path[:100]!r}, which was not run; if it is a model of "
                 "Stable-Baselines3 that you trust, give --trust (trust=True in Python)"
@@ -211,8 +210,7 @@ class ZipMembers:
         Raises:
             PerdureError: If it is missing, damaged or larger than the limit.
         """
-        member = self._members.get(name)
-        if member is None:
+        if (member := self._members.get(name)) is None:
             raise PerdureError(f"{self._what} has no member {name!r}; it is not a model of Stable-Baselines3")
         if member.file_size > limit:
             raise PerdureError(

@@ -168,22 +168,14 @@ def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _check_observations(space: dict[str, Any], what: str) -> None:
-    kind = _class_name(space)
-    if kind != "Box":
-        raise PerdureError(
-            f"{what} is for {kind} observations; only vectors (Box) are read from zips: {USE_A_FUNCTION}"
-        )
+    _check_box(space, what, "observations; only vectors")
     shape = space.get("_shape")
     if isinstance(shape, list) and len(shape) == 3 and space.get("dtype") == "uint8":
         raise PerdureError(f"{what} is for image observations: {USE_A_FUNCTION}")
 
 
 def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    kind = _class_name(space)
-    if kind != "Box":
-        raise PerdureError(
-            f"{what} is for {kind} actions; only continuous ones (Box) are read from zips: {USE_A_FUNCTION}"
-        )
+    _check_box(space, what, "actions; only continuous ones")
     low, high = (_written_numbers(space.get(name)) for name in ("low", "high"))
     return None if low is None or high is None else (low, high)
 
@@ -198,9 +190,10 @@ def _written_numbers(text: Any) -> NDArray[np.float64] | None:
         return None
 
 
-def _class_name(table: dict[str, Any]) -> str:
-    found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", _short(table.get(":type:")))
-    return found[1] if found else "unknown"
+def _check_box(space: dict[str, Any], what: str, words: str) -> None:
+    found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", _short(space.get(":type:")))
+    if (kind := found[1] if found else "unknown") != "Box":
+        raise PerdureError(f"{what} is for {kind} {words} (Box) are read from zips: {USE_A_FUNCTION}")
 
 
 def _policy_module(policy_class: dict[str, Any], what: str) -> str:
@@ -222,8 +215,7 @@ def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
 
 
 def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
-    written = kwargs.get("activation_fn")
-    if written is None:
+    if (written := kwargs.get("activation_fn")) is None:
         return DEFAULT_ACTIVATION[module]
     found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", _short(written))
     if found is None or found[1] not in TORCH_ACTIVATIONS:
