@@ -92,6 +92,7 @@ def test_a_run_is_kept_and_analyzed(command, tmp_path):
     assert "scripted oracle" in page.read_text()
     printed = succeeded(command("home", "analyze", "kept", "--out", "page", cwd=tmp_path))
     assert printed.splitlines()[-1] == f"Report: {tmp_path / 'page' / 'report.html'}"
+    assert "mine" in succeeded(command("home", "analyze", "kept", "--names", "mine", cwd=tmp_path))
     assert (tmp_path / "page" / "set-table-val-success.png").exists()
     process = command("home", "analyze", "kept", "--out", page, cwd=tmp_path)
     assert (process.returncode, process.stdout, process.stderr.count("\n")) == (2, "", 1)
@@ -115,15 +116,15 @@ def test_results_that_cannot_go_into_a_file_are_refused_before_anything_runs(com
         (("run", "set_table", "--place", "throw"), "rl, stop, ik, guarded"),
         (("run", "set_table", "--place", "delta-1"), "2 or more"),
         (("run", "set_table", "--episodes", 0), "episodes"),
-        (("run", "set_table", "--max-lanes", 0), "--max-lanes must be 1 or more, not 0"),
         (("run", "set_table", "--policies", "place"), "SKILL=FILE"),
         (("run", "set_table", "--policies", "place=no.safetensors"), "no.safetensors"),
         (("analyze", "nowhere"), "nowhere"),
+        (("analyze", "a", "b", "--names", "mine"), "--names must be 2 words"),
         (("train", "juggle"), "juggle"),
         (("train", "place", "--seeds", 0, 0), "seeds must be different numbers"),
         (("train", "place", "--on", "nowhere"), "on must be here"),
         (("train", "place", "--variant", "gentle", "--method", "linear"), "--variant or --method"),
-        (("run", "set_table", "--lane", 2), "did you mean --max-lanes?"),
+        (("run", "set_table", "--core", 2), "did you mean --cores?"),
         (("analyze", "nowhere", "--out", "page"), "nowhere"),
         (("video", "set_table", "--out", "film.avi"), ".mp4, .gif, .webp"),
         (("video", "set_table", "--place", "rl", "--out", "sheet.png"), ".mp4, .gif, .webp"),

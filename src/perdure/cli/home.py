@@ -299,7 +299,6 @@ def run(
     policies: Policies = (),
     planner: PlannerName = "open",
     world: World = WorldOptions(),  # noqa: B008 - frozen
-    max_lanes: int = 50,
     cores: Cores = None,
     on: On = "local",
     out: Path = Path("home-runs"),
@@ -319,7 +318,6 @@ def run(
         train_seeds: Number of training seeds, from seed 0; each has its own policies. Seed 0 is shipped.
         eval_seeds: Number of evaluation seeds; each draws the robot's start poses.
         world: The variant of the physics.
-        max_lanes: Episodes that share a process at a time. Results do not depend on it.
         out: Folder of the logs.
         command: The command line, stored with the logs.
     """
@@ -330,9 +328,7 @@ def run(
     from perdure.runs.progress import show_progress
 
     check_folder(out)
-    if max_lanes < 1:
-        raise PerdureError(f"--max-lanes must be 1 or more, not {max_lanes}")
-    options = ExecutorOptions(lanes=max_lanes, scene=SceneOptions(**vars(world)), planner=planner)
+    options = ExecutorOptions(scene=SceneOptions(**vars(world)), planner=planner)
     chosen = parse_policies(policies)
     protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, chosen, options)
     with show_progress(f"{task} {place}", "episodes") as observe:
@@ -345,11 +341,16 @@ def run(
 
 
 def analyze_logs(
-    logs: Logs, out: Path | None = None, formats: tuple[Format, ...] = ("png",), command: str = ""
+    logs: Logs,
+    names: tuple[str, ...] = (),
+    out: Path | None = None,
+    formats: tuple[Format, ...] = ("png",),
+    command: str = "",
 ) -> None:
     """Print success per stage, failure causes and placements by kind of object, from logs.
 
     Args:
+        names: A word for each file or folder, so that two policies under one release strategy stand side by side.
         out: Folder for report.html, which compares the release strategies, and its figures.
         formats: File formats of the figures beside the page.
         command: The command line, shown on the page.
@@ -357,10 +358,12 @@ def analyze_logs(
     from perdure.home.evaluate.analysis import analyze
     from perdure.home.evaluate.page import read_all, summary_text, write_page
 
+    if names and len(names) != len(logs):
+        raise PerdureError(f"--names must be {len(logs)} words, one for each file or folder, not {len(names)}")
     paths = log_files(logs)
     if out is not None:
         check_folder(out)
-    records, notes = read_all(paths)
+    records, notes = read_all(paths, dict(zip(logs, names, strict=False)))
     analysis = analyze(records)
     page = None if out is None else write_page(analysis, out, command, notes, formats)
     print(summary_text(analysis, notes))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
 LAST = ("counted, did not last", "final state", "of these policies alone", "diverged")
 RELEASES = {
-    "rl": "policy alone",
+    "rl": "open at once",
     "delta": "trained to stay {} steps",
     "gentle": "trained to release at rest",
     "hand": "trained with actions of the hand",

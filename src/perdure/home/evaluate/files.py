@@ -12,8 +12,9 @@ import hashlib
 import io
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -245,12 +246,20 @@ def check_distinct(records: Sequence[EpisodeLog], name: str) -> None:
         seen.add(record.key)
 
 
-def read_log_files(paths: Sequence[str | os.PathLike[str]]) -> list[tuple[list[EpisodeLog], dict[str, str], Any]]:
-    """Return logs, notes and path of each file; PerdureError if an episode of a strategy is there twice."""
+def read_log_files(
+    paths: Sequence[str | os.PathLike[str]], names: Mapping[Path, str] | None = None
+) -> list[tuple[list[EpisodeLog], dict[str, str], Any]]:
+    """Return logs, notes and path of each file; PerdureError if an episode of a strategy is there twice.
+
+    The name of a file or of a folder above it becomes the last word of its strategies.
+    """
     files, found = [(*read_log_file(path), path) for path in paths], dict[Any, Any]()
+    for (logs, _, path), (given, name) in product(files, (names or {}).items()):
+        if Path(path).is_relative_to(given):
+            logs[:] = [replace(log, strategy=f"{log.strategy} {'-'.join(name.split())}") for log in logs]
     for record, path in ((record, path) for logs, _, path in files for record in logs):
         if record.key in found:
-            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; remove one of the two")
+            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; remove one, or give both names")
         found[record.key] = path
     return files
 

@@ -54,8 +54,10 @@ class LogNotes:
         }
 
 
-def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog], LogNotes]:
-    """Return the logs of files and their notes. Files of another simulator record no policies.
+def read_all(
+    paths: Sequence[str | os.PathLike[str]], names: Mapping[Path, str] | None = None
+) -> tuple[list[EpisodeLog], LogNotes]:
+    """Return the logs of files and their notes; names as for `read_log_files`. Other simulators note no policies.
 
     Raises:
         PerdureError: A file holds no logs, see `read_log_file`, a note is no JSON object, or two files hold the same
@@ -63,7 +65,7 @@ def read_all(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[EpisodeLog],
     """
     records, policies, commands = list[EpisodeLog](), dict[tuple[str, ...], None](), dict[str, None]()
     hand_overs: Counter[tuple[str, ...]] = Counter()
-    for read, notes, _ in read_log_files(paths):
+    for read, notes, _ in read_log_files(paths, names):
         records += read
         commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
         acting = read_note(notes, "policies", POLICIES)

@@ -43,7 +43,7 @@ class TestNumbers:
         assert found[LATCHED].startswith("75.0 % [19.4, ")  # Clopper-Pearson: quantile of beta(3, 2)
         assert found[STABILIZING].startswith("25.0 % [")
         assert row(page, "Success", "ik")[STABILIZING].startswith("100.0 % [")
-        assert "every object stayed: policy alone 25.0 %; stop, lower 5 cm 100.0 %. The benchmark counts 75.0 %" in page
+        assert "every object stayed: open at once 25.0 %; stop, lower 5 cm 100.0 %. The benchmark counts 75.0 %" in page
         assert row(page, "Success", "ik")["in the figures"] == "stop, lower 5 cm"
 
     def test_successes_that_did_not_last_are_told_apart(self, page):
@@ -66,7 +66,7 @@ class TestNumbers:
 
     def test_strategies_that_ran_other_episodes_are_warned_of(self, tmp_path):
         page = page_of(records("rl", four()) + records("ik", [good(3), good(4)]), tmp_path)
-        assert "The strategies ran different episodes (policy alone: 4 and stop, lower 5 cm: 2)" in figure_note(
+        assert "The strategies ran different episodes (open at once: 4 and stop, lower 5 cm: 2)" in figure_note(
             page, "success"
         )
         (found,) = table(page, "The same episodes under two release strategies")
@@ -88,7 +88,7 @@ class TestNumbers:
         for each in unknown.rows:
             each["force"] = math.nan
         note = figure_note(page_of(records("rl", [unknown.log()]), tmp_path), "modes-latched")
-        assert "The logs of policy alone hold no contact forces, so none of their causes is a collision." in note
+        assert "The logs of open at once hold no contact forces, so none of their causes is a collision." in note
 
 
 class TestRuns:
@@ -129,19 +129,19 @@ class TestRuns:
 class TestFigures:
     def test_stages_fall_from_one_to_the_next(self, page):
         curves = by_label(figure(page, "stages"), "line")
-        assert curves["policy alone: latched"] == [1.0, 1.0, 1.0, 0.75, 0.75, 0.75]
-        assert curves["policy alone"] == [1.0, 0.75, 0.75, 0.5, 0.5, 0.25]
+        assert curves["open at once: latched"] == [1.0, 1.0, 1.0, 0.75, 0.75, 0.75]
+        assert curves["open at once"] == [1.0, 0.75, 0.75, 0.5, 0.5, 0.25]
         assert curves["stop, lower 5 cm"] == [1.0] * 6
         places = dict.fromkeys(each["x"] for each in rows(figure(page, "stages"), "line"))
         assert list(places)[:3] == ["object 1 picked", "object 1 placed", "object 2 picked"]
 
     def test_outcomes_are_shares_of_all_and_of_the_failed(self, page):
         bars = {(each["row"], each["label"]): each for each in rows(figure(page, "outcomes"), "bar")}
-        assert bars["every object stayed", "policy alone"]["x"] == 0.25
+        assert bars["every object stayed", "open at once"]["x"] == 0.25
         assert bars["every object stayed", "stop, lower 5 cm"]["x"] == 1.0
-        assert bars["counted as success, but an object left later", "policy alone"]["x"] == 0.5
-        failed = bars["object 2 did not stay", "policy alone"]
-        assert failed["text"] == "policy alone: 1 of 4 (25 %), 100 % of the failed"
+        assert bars["counted as success, but an object left later", "open at once"]["x"] == 0.5
+        failed = bars["object 2 did not stay", "open at once"]
+        assert failed["text"] == "open at once: 1 of 4 (25 %), 100 % of the failed"
         assert len(bars) == 2 * 3
 
     def test_kinds_are_counted(self, page):
@@ -149,7 +149,7 @@ class TestFigures:
         kinds = [goal.kind for index in range(4) for goal in episodes[index].goals]
         lost = [episodes[1].goals[2].kind, episodes[2].goals[0].kind, episodes[3].goals[1].kind]
         drawn = rows(figure(page, "kinds"), "bar", opacity=0.3)
-        found = {each["row"]: (each["end"], each["x"]) for each in drawn if each["label"] == "policy alone"}
+        found = {each["row"]: (each["end"], each["x"]) for each in drawn if each["label"] == "open at once"}
         assert found == {
             describe_kind(name, KINDS[name].cylinder): (kinds.count(name), lost.count(name)) for name in set(kinds)
         }
@@ -159,7 +159,7 @@ class TestFigures:
         cylinders = sum(KINDS[goal.kind].cylinder for index in range(4) for goal in episodes[index].goals)
         assert 0 < cylinders < 12
         bars = {each["row"]: each["x"] for each in rows(figure(page, "cylinders"), "bar")}
-        assert bars["policy alone: placed (n = 12)"] == pytest.approx(cylinders / 12, abs=1e-6)
+        assert bars["open at once: placed (n = 12)"] == pytest.approx(cylinders / 12, abs=1e-6)
         found = row(page, "Placements", "rl")
         assert found["cylinders of all placed"] == f"{100 * cylinders / 12:.1f} %"
         assert found["did not stay"] == "3 of 12 (25.0 %)"
@@ -167,9 +167,9 @@ class TestFigures:
     def test_a_distribution_ends_at_its_greatest_value(self, page):
         spec = figure(page, "release-height")
         shares, heights = by_label(spec, "line"), by_label(spec, "line", "x")
-        assert list(shares) == ["policy alone", "stop, lower 5 cm"]
-        assert (shares["policy alone"][0], shares["policy alone"][-1]) == (0.0, 1.0)
-        reached = [x for x, y in zip(heights["policy alone"], shares["policy alone"], strict=True) if y == 1.0]
+        assert list(shares) == ["open at once", "stop, lower 5 cm"]
+        assert (shares["open at once"][0], shares["open at once"][-1]) == (0.0, 1.0)
+        reached = [x for x, y in zip(heights["open at once"], shares["open at once"], strict=True) if y == 1.0]
         assert reached[0] == pytest.approx(0.02, abs=1e-4)
 
     def test_a_task_in_which_nothing_fails_has_no_failure_modes(self, tmp_path):
@@ -200,7 +200,7 @@ class TestWords:
     @pytest.mark.parametrize(
         ("strategy", "expected"),
         [
-            ("rl", "policy alone"),
+            ("rl", "open at once"),
             ("ik drag", "stop, lower 5 cm, drag only"),
             ("delta-50", "trained to stay 50 steps"),
             ("delta-50 drag 480-hz", "trained to stay 50 steps, drag only, 480 hz"),
@@ -212,7 +212,7 @@ class TestWords:
 
     def test_a_world_that_all_arms_share_is_named_once(self, tmp_path):
         page = page_of(records("rl drag", four()) + records("ik drag", four()), tmp_path)
-        assert set(by_label(figure(page, "release-height"), "line")) == {"policy alone", "stop, lower 5 cm"}
+        assert set(by_label(figure(page, "release-height"), "line")) == {"open at once", "stop, lower 5 cm"}
         assert "PrepareGroceries, val, drag only" in page
 
     def test_stages_are_told_in_words(self):
@@ -231,6 +231,18 @@ class TestPolicies:
             write_logs(tmp_path / name / "logs.parquet", records("rl", [good(0)]), {})
         with pytest.raises(PerdureError, match=r"trial/logs\.parquet and .*whole/logs\.parquet both hold "):
             read_all([tmp_path / "trial" / "logs.parquet", tmp_path / "whole" / "logs.parquet"])
+
+    def test_names_of_folders_set_two_policies_under_one_strategy_side_by_side(self, tmp_path):
+        folders, paths = [tmp_path / "a", tmp_path / "ab"], []
+        for folder, skill in zip(folders, ("one", "two"), strict=True):
+            folder.mkdir()
+            logs = records("rl closed", [good(0)])
+            paths.append(write_logs(folder / "logs.parquet", logs, {"policies": f'{{"place": "{skill}"}}'}))
+        found, notes = read_all(paths, dict(zip(folders, ("mine", "from a paper"), strict=True)))
+        assert [log.strategy for log in found] == ["rl closed mine", "rl closed from-a-paper"]
+        assert describe("rl closed from-a-paper") == "open at once, planned again after each skill, from a paper"
+        acted = {each["skill"]: each for each in table(page_of(found, tmp_path, "go", notes), "Policies")}["place"]
+        assert (acted["rl closed mine"], acted["rl closed from-a-paper"]) == ("one", "two")
 
     def test_notes_of_the_logs_are_shown(self, tmp_path):
         run = {
