@@ -151,7 +151,7 @@ def test_the_word_oracle_alone_means_every_skill():
     assert parse_policies(("place=oracle",)) == {"place": "oracle"}
     with pytest.raises(PerdureError, match="SKILL=oracle"):
         parse_policies(("oracle", "place=oracle"))
-    with pytest.raises(PerdureError, match="place is named twice"):
+    with pytest.raises(PerdureError, match="name each skill once, not place"):
         parse_policies(("place=a", "place=b"))
 
 

@@ -335,9 +335,8 @@ def run(
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
     records, notes = read_all(paths)
     analysis = analyze(records)
-    page = write_page(analysis, out / protocol.folder, command, notes)
     print(summary_text(analysis, notes))
-    print(f"\nLogs: {out}\nReport: {page.resolve()}")
+    print(f"\nLogs: {out}\nReport: {write_page(analysis, out / protocol.folder, command, notes).resolve()}")
 
 
 def analyze_logs(
@@ -365,10 +364,9 @@ def analyze_logs(
         check_folder(out)
     records, notes = read_all(paths, dict(zip(logs, names, strict=False)))
     analysis = analyze(records)
-    page = None if out is None else write_page(analysis, out, command, notes, formats)
     print(summary_text(analysis, notes))
-    if page is not None:
-        print(f"\nReport: {page.resolve()}")
+    if out is not None:
+        print(f"\nReport: {write_page(analysis, out, command, notes, formats).resolve()}")
 
 
 def failures(
@@ -414,21 +412,11 @@ def failures(
         again = f", replayed: {failure.words(replay.label)}" if differs else ""
         print(f"{failure.log.name}, {failure.words(failure.label)}, {path}{again}", flush=True)
     if others:
-        reason = "the code or the policies are not those of the logs"
-        sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: {reason}")
+        sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: by other code or policies")
 
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "list": list_names,
-    "episode": episode,
-    "plan": plan,
-    "video": video,
-    "view": view,
-    "train": train,
-    "run": run,
-    "analyze": analyze_logs,
-    "failures": failures,
-}
+_ALL: tuple[Any, ...] = (list_names, episode, plan, video, view, train, run, analyze_logs, failures)
+COMMANDS: dict[str, Callable[..., None]] = {each.__name__.partition("_")[0]: each for each in _ALL}
 
 
 def log_files(given: tuple[Path, ...]) -> list[Path]:
@@ -449,11 +437,9 @@ def parse_policies(written: tuple[str, ...]) -> dict[str, str]:
 
     if written == ("oracle",):
         return dict.fromkeys(SKILLS, "oracle")
-    names = [each.partition("=")[0] for each in written]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise PerdureError(f"policies must name each skill once; {twice} is named twice: {' '.join(written)}")
     chosen = dict(each.partition("=")[::2] for each in written)
+    if len(chosen) < len(written):
+        raise PerdureError(f"policies must name each skill once, not {' '.join(written)}")
     if not all(chosen.values()):
         raise PerdureError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
     return chosen
