@@ -104,6 +104,22 @@ def test_the_policy_sees_normalized_observations(module):
     assert min(float(each.min()) for each in model.seen) >= 7.0
 
 
+def test_the_numbers_that_training_draws_stay_the_same(module):
+    """Stable-Baselines3 shuffles its minibatches by NumPy's global generator."""
+
+    class Drawing(Falling):
+        def reset(self, **options):
+            np.random.random()
+            return super().reset(**options)
+
+    np.random.seed(3)
+    drawn = np.random.random(2)
+    np.random.seed(3)
+    first = np.random.random()
+    learn(module.VerdictCallback(Drawing, steps=20, eval_seeds=2, disturb="none"), Model(), 50)
+    assert [first, np.random.random()] == drawn.tolist()
+
+
 def test_each_disturbed_evaluation_is_logged_under_its_name(module):
     model = Model()
     learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1, disturb="action_noise:0.1,0.2"), model, 50)

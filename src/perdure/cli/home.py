@@ -285,8 +285,7 @@ def train(
             skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=observe, **options
         )
     for path in paths:
-        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
-        print(f"{path}\n  {score.summary()}")
+        print(f"{path}\n  {evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options).summary()}")
 
 
 def run(
@@ -328,8 +327,7 @@ def run(
     from perdure.runs.progress import show_progress
 
     check_folder(out)
-    options = ExecutorOptions(scene=SceneOptions(**vars(world)), planner=planner)
-    chosen = parse_policies(policies)
+    chosen, options = parse_policies(policies), ExecutorOptions(scene=SceneOptions(**vars(world)), planner=planner)
     protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, chosen, options)
     with show_progress(f"{task} {place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
@@ -407,8 +405,7 @@ def failures(
     for failure, agent in zip(drawn, agents, strict=True):
         replay = replay_failure(failure, agent)
         path = save_picture(failure_sheet(failure, replay), out / failure.file_name)
-        differs = replay.label != failure.label
-        others += differs
+        others += (differs := replay.label != failure.label)
         again = f", replayed: {failure.words(replay.label)}" if differs else ""
         print(f"{failure.log.name}, {failure.words(failure.label)}, {path}{again}", flush=True)
     if others:

@@ -6,6 +6,8 @@ import math
 from importlib import import_module
 from typing import Any
 
+import numpy as np
+
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import whole
@@ -63,15 +65,16 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
             actions, state = model.predict(seen, state, starts, deterministic=True)
             return (actions, state) if recurrent else actions
 
+        drawn = np.random.get_state()  # training shuffles by it; environments, and importing JAX, draw from it, too
         self.result = extrapolate(act, self.env, recurrent=recurrent, **self.options)
+        np.random.set_state(drawn)
         self._evaluated = self.num_timesteps
         for item in (item for items in estimate_table(self.result.frame).values() for item in items):
             values = {"holds": float(item.verdict.share.estimate), "mean_return": item.final_return}
             values["median_failure_step"] = item.group.half_failed_by
             for name, value in values.items():
                 if math.isfinite(value):
-                    met = item.group.disturbance
-                    key = f"perdure/{name}_{'calm' if met == CALM else met}"
+                    key = f"perdure/{name}_{'calm' if (met := item.group.disturbance) == CALM else met}"
                     # The library's text table cuts longer names, and refuses two that it cuts alike.
                     self.logger.record(key, value, None if len(key) <= 41 else ("stdout", "log"))
         self.logger.dump(self.num_timesteps)

@@ -165,9 +165,9 @@ class Group:
 
     @property
     def one_end(self) -> int | None:
-        """The step at which the environment terminates every episode, if it is one and the same for several of them."""
-        ends = np.unique(self["end_step"])
-        return int(ends[0]) if len(ends) == 1 < self.episodes and (self["end_reason"] == "terminated").all() else None
+        """The step at which the environment terminates every episode, if it is the same for eight or more."""
+        terminated, ends = self["end_reason"] == "terminated", np.unique(self["end_step"])
+        return int(ends[0]) if terminated.all() and len(ends) == 1 and self.episodes >= 8 else None
 
     @cached_property
     def failed(self) -> BoolArray:
