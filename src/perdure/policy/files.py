@@ -285,7 +285,7 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
                 "--env Hopper-v5 --out policy.safetensors (in Python: Policy.from_sb3(path, env=...))"
             )
         if start.startswith(b"\x80") and size > MAX_HEADER:
-            raise PerdureError(f"{path} is a pickle, such as Brax's, and not read: it may run code. See {MANUAL}#brax")
+            raise PerdureError(f"{path} is a pickle: VecNormalize's goes to --normalizer; for Brax's see {MANUAL}#brax")
         if len(start) < 8 or size > min(MAX_HEADER, path.stat().st_size - 8) or path.stat().st_size > MAX_FILE:
             raise PerdureError(foreign)
         text = file.read(size)

@@ -164,7 +164,7 @@ REFUSED = {
         rf"time_step selects the reference among its outputs \(actions, joint_pos\).*{MANUAL}#motion-tracking",
     ),
     "TorchScript": (lambda folder: RSL_RL / "mlp" / "policy.pt", rf"TorchScript.*ONNX: .*{MANUAL}#torchscript"),
-    "Brax": (brax, rf"is a pickle, such as Brax's.*{MANUAL}#brax"),
+    "Brax": (brax, rf"is a pickle: VecNormalize.*--normalizer.*{MANUAL}#brax"),
     "Brax, as an Orbax folder": (playground, rf"holds none; see .*{MANUAL}"),
     "LeRobot": (lerobot, rf"safetensors file, but not a perdure policy; LeRobot's: .*{MANUAL}#lerobot"),
 }
