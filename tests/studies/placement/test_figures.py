@@ -68,6 +68,6 @@ def test_the_figure_of_rolling_has_a_curve_for_each_strategy_with_all_four(tmp_p
     names = [f"rl {world}" for world in worlds] + [f"stop {world}" for world in worlds[1:]]
     numbers = {"stabilizing mean": 0.5, "stabilizing lower": 0.2, "stabilizing upper": 0.8}
     (figure,) = rolling_figures(success(tmp_path, names, **numbers))
-    assert "policy alone" in str(figure.spec)
+    assert "open at once" in str(figure.spec)
     assert "stop first" not in str(figure.spec)
     assert "n = 3 training seeds each; n = 30 episodes each" in figure.note
