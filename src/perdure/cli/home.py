@@ -280,12 +280,11 @@ def train(
     check_on(on)
     skill_run(skill, task, seeds, steps, method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
-    with show_progress(f"{task} {skill}", "steps") as observe:
-        paths = train_skill(
-            skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=observe, **options
-        )
+    with show_progress(f"{task} {skill}", "steps") as show:
+        paths = train_skill(skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=show, **options)
     for path in paths:
-        print(f"{path}\n  {evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options).summary()}")
+        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
+        print(f"{path}\n  {score.summary()}")
 
 
 def run(
@@ -320,9 +319,7 @@ def run(
         out: Folder of the logs.
         command: The command line, stored with the logs.
     """
-    from perdure.home.evaluate.analysis import analyze
     from perdure.home.evaluate.execute import ExecutorOptions
-    from perdure.home.evaluate.page import read_all, summary_text, write_page
     from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
     from perdure.runs.progress import show_progress
 
@@ -331,10 +328,8 @@ def run(
     protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, chosen, options)
     with show_progress(f"{task} {place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
-    records, notes = read_all(paths)
-    analysis = analyze(records)
-    print(summary_text(analysis, notes))
-    print(f"\nLogs: {out}\nReport: {write_page(analysis, out / protocol.folder, command, notes).resolve()}")
+    _compare(paths, out / protocol.folder, command, {}, ("png",))
+    print(f"Logs: {out}")
 
 
 def analyze_logs(
@@ -352,19 +347,27 @@ def analyze_logs(
         formats: File formats of the figures beside the page.
         command: The command line, shown on the page.
     """
-    from perdure.home.evaluate.analysis import analyze
-    from perdure.home.evaluate.page import read_all, summary_text, write_page
-
     if names and len(names) != len(logs):
         raise PerdureError(f"--names must be {len(logs)} words, one for each file or folder, not {len(names)}")
     paths = log_files(logs)
     if out is not None:
         check_folder(out)
-    records, notes = read_all(paths, dict(zip(logs, names, strict=False)))
+    _compare(paths, out, command, dict(zip(logs, names, strict=False)), formats)
+
+
+def _compare(
+    paths: list[Path], out: Path | None, command: str, names: dict[Path, str], formats: tuple[Format, ...]
+) -> None:
+    """Print the main tables of logs, and write their report into a folder."""
+    from perdure.home.evaluate.analysis import analyze
+    from perdure.home.evaluate.page import read_all, summary_text, write_page
+
+    records, notes = read_all(paths, names)
     analysis = analyze(records)
+    page = None if out is None else write_page(analysis, out, command, notes, formats)
     print(summary_text(analysis, notes))
-    if out is not None:
-        print(f"\nReport: {write_page(analysis, out, command, notes, formats).resolve()}")
+    if page is not None:
+        print(f"\nReport: {page.resolve()}")
 
 
 def failures(
@@ -414,6 +417,7 @@ def failures(
 
 _ALL: tuple[Any, ...] = (list_names, episode, plan, video, view, train, run, analyze_logs, failures)
 COMMANDS: dict[str, Callable[..., None]] = {each.__name__.partition("_")[0]: each for each in _ALL}
+"""Each under the first word of its name."""
 
 
 def log_files(given: tuple[Path, ...]) -> list[Path]:

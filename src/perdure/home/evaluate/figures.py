@@ -170,11 +170,7 @@ def mode_figure(view: View, counting: Counting) -> Figure | None:
         title=f"Why episodes failed, {'latched' if counting == 'latched' else 'goal-stabilizing'} counting",
         chart=_share_chart(view, "modes", ("stage", "cause"), labels, names, counting=counting),
         note="One cause for each failed episode: what went wrong in the first stage that failed or did not last."
-        + (
-            f" The logs of {listed(silent)} hold no contact forces, so none of their causes is a collision."
-            if silent
-            else ""
-        ),
+        + (f" No contact forces in the logs, so no collision among the causes: {listed(silent)}." if silent else ""),
         wide=True,
     )
 

@@ -259,7 +259,7 @@ def read_log_files(
             logs[:] = [replace(log, strategy=f"{log.strategy} {'-'.join(name.split())}") for log in logs]
     for record, path in ((record, path) for logs, _, path in files for record in logs):
         if record.key in found:
-            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; remove one, or name both")
+            raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; remove one, or give names")
         found[record.key] = path
     return files
 

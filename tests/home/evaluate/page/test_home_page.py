@@ -88,7 +88,7 @@ class TestNumbers:
         for each in unknown.rows:
             each["force"] = math.nan
         note = figure_note(page_of(records("rl", [unknown.log()]), tmp_path), "modes-latched")
-        assert "The logs of open at once hold no contact forces, so none of their causes is a collision." in note
+        assert "No contact forces in the logs, so no collision among the causes: open at once." in note
 
 
 class TestRuns:
