@@ -36,10 +36,8 @@ CONFIDENCE = 0.95
 RESAMPLES = 2000
 FEW_UNITS = 10
 """Below this many units intervals are Student's t."""
-FEWEST = 2
-"""Units that an interval needs."""
 FEWEST_FOR_INTERVAL = 3
-"""Figures draw no interval over fewer units: two have one difference, which says little about their spread."""
+"""Units that an interval needs: two have one difference, which says little about their spread."""
 _BATCH_ELEMENTS = 4_000_000
 
 
@@ -67,7 +65,7 @@ class Interval:
 
     estimate: FloatArray
     lower: FloatArray
-    """nan where no interval can be made: one unit only, or a value that is not finite."""
+    """nan where no interval can be made: too few units, or a value that is not finite."""
     upper: FloatArray
     label: str
     """What the units are: `TRAINING_SEEDS` or `EVALUATION_SEEDS_ONLY`."""
@@ -77,10 +75,14 @@ class Interval:
     """`STUDENT_T`, `BOOTSTRAP` or `EXACT`."""
 
     def last(self) -> tuple[float, float]:
-        """Return the last bounds as figures draw them; nan over fewer than `FEWEST_FOR_INTERVAL` units."""
-        if self.count < FEWEST_FOR_INTERVAL:
-            return math.nan, math.nan
+        """Return the last bounds."""
         return float(np.ravel(self.lower)[-1]), float(np.ravel(self.upper)[-1])
+
+    def within(self, low: float, high: float) -> Interval:
+        """Return it with bounds between two numbers, and with none where all units agree: that is no certainty."""
+        varied = self.upper - self.lower > 1e-9  # no rounding
+        lower, upper = (np.where(varied, np.clip(each, low, high), np.nan) for each in (self.lower, self.upper))
+        return replace(self, lower=lower, upper=upper)
 
 
 def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
@@ -118,14 +120,14 @@ def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator) 
 def t_interval(units: Units, confidence: float = CONFIDENCE) -> Interval:
     """Estimate the mean over units with Student's t interval at every point of a curve on its own.
 
-    Exact for normal scores of the units. A single unit, or a value that is not finite, gives nan bounds. Units that all
+    Exact for normal scores of the units. Too few units, or a value that is not finite, give nan bounds. Units that all
     agree give bounds equal to the estimate: they show no spread, which is not certainty.
     """
     from scipy.special import stdtrit
 
     n, columns = units.count, _columns(units)
     estimate, half = columns.mean(axis=0), np.nan
-    if n >= FEWEST:
+    if n >= FEWEST_FOR_INTERVAL:
         spread = ((columns - estimate) ** 2).sum(axis=0)
         half = stdtrit(n - 1, 0.5 + confidence / 2.0) * np.sqrt(spread / (n * (n - 1)))
     return _interval(units, estimate, estimate - half, estimate + half, STUDENT_T)
@@ -141,9 +143,9 @@ def bootstrap_interval(
     """
     columns = _columns(units)
     estimate = columns.mean(axis=0)
-    bounds = np.tile(np.nan if units.count < FEWEST else estimate, (2, 1))
+    bounds = np.tile(np.nan if units.count < FEWEST_FOR_INTERVAL else estimate, (2, 1))
     varied = np.isfinite(estimate) & (columns != columns[:1]).any(axis=0)
-    if varied.any():
+    if varied.any() and units.count >= FEWEST_FOR_INTERVAL:
         from scipy.stats import bootstrap
 
         found = bootstrap(
@@ -164,13 +166,12 @@ def survival_interval(alive: ArrayLike, runs: ArrayLike, rng: np.random.Generato
     """Estimate the share of episodes still alive, with an interval at every step on its own.
 
     With one training run the episodes are independent yes-or-no trials and the interval is that of `clopper_pearson`.
-    With several runs the runs' shares are the units of `estimate_interval`, whose bounds are kept within 0 and 1.
+    With several runs the runs' shares are the units of `estimate_interval`; see also `Interval.within`.
     `alive` has the shape (episodes, steps), or (episodes,) for one step.
     """
     units = make_units(alive, runs)
     if units.label == TRAINING_SEEDS:
-        found = estimate_interval(units, rng)
-        return replace(found, lower=np.clip(found.lower, 0.0, 1.0), upper=np.clip(found.upper, 0.0, 1.0))
+        return estimate_interval(units, rng).within(0.0, 1.0)
     share = units.values.mean(axis=0)
     lower, upper = clopper_pearson(share, units.count)
     return Interval(share, lower, upper, units.label, units.count, EXACT)
@@ -374,7 +375,7 @@ def _mean(values: FloatArray) -> float:
 def _student(values: FloatArray) -> tuple[float, float]:
     """Return the standard error of the mean, and its degrees of freedom."""
     n = len(values)
-    if n < FEWEST or not np.isfinite(values).all():
+    if n < FEWEST_FOR_INTERVAL or not np.isfinite(values).all():
         return math.nan, math.nan
     if np.ptp(values) == 0.0:  # the standard deviation of equal numbers is not always 0
         return 0.0, math.nan

@@ -241,7 +241,7 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
     """Return the verdict on a group of episodes."""
     counts = Counter(group.verdicts)
     share = survival_interval(np.isin(group.verdicts, GOOD), group.runs, rng)
-    if (group.runs_alike and share.method == EXACT) or share.upper - share.lower < ROUNDING:
+    if group.runs_alike and share.method == EXACT:
         share = replace(share, lower=np.array(np.nan), upper=np.array(np.nan))  # no spread is no certainty
     label = _label(counts, float(share.estimate))
     by_seed: dict[int, str] = {}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -371,5 +371,4 @@ def paired_difference(
     same = [name for name in keys if name not in ("eval_seed", "target")]
     changes = both.group_by(same, maintain_order=True).agg(change.mean().alias("change"))
     units = make_units(changes["change"].to_numpy(), changes["train_seed"].to_numpy())
-    found = estimate_interval(units, np.random.default_rng(0))
-    return replace(found, lower=np.clip(found.lower, -1.0, 1.0), upper=np.clip(found.upper, -1.0, 1.0))
+    return estimate_interval(units, np.random.default_rng(0)).within(-1.0, 1.0)

@@ -176,8 +176,7 @@ def test_success_over_runs_as_worked_out_by_hand():
     (row,) = analyze(records).stages.filter(counting="latched", stage="place_2").rows(named=True)
     assert (row["episodes"], row["runs"], row["mean"]) == (8, 4, 0.5)
     assert row["standard_error"] == pytest.approx(math.sqrt(0.5 / 3) / 2)
-    # Two training seeds, 3 of 4 and 1 of 4: 0.5 -+ 12.7 * 0.25, kept within 0 and 1.
-    assert (row["lower"], row["upper"]) == (0.0, 1.0)
+    assert np.isnan([row["lower"], row["upper"]]).all(), "two training seeds have no interval"
     assert (row["units"], row["method"]) == ("training seeds", "Student t")
 
 
