@@ -9,7 +9,7 @@ from perdure.errors import PerdureError
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.runs.identity import check_key
 from studies.placement import study
-from studies.placement.grid import GRIDS, Row, make_grid
+from studies.placement.grid import GRIDS, make_grid
 from studies.placement.tables import read_tables
 
 TABLES = Path(__file__).parents[3] / "results" / "placement" / "tables"
