@@ -305,9 +305,9 @@ def success_table(view: View) -> Table:
     headings = ("release strategy", "in the figures", "episodes", seeds, *WORDS.values(), *LAST)
     note = (
         f"Mean +- standard error over runs (none for one run) [95 % interval {over}]. Counted, did not last: the "
-        "benchmark counts the episode as a success, yet an object left its goal after its place ended. Final state: "
-        "all targets in their goals and an empty hand in all of the last five seconds. Policies alone: no scripted "
-        "skill acted."
+        "benchmark counts the episode as a success, yet an object was outside its goal at some step after its place "
+        "ended. Final state: all targets in their goals and an empty hand in all of the last five seconds. Policies "
+        "alone: no scripted skill acted."
     )
     return Table("Success", headings, rows, note)
 

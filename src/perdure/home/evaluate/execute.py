@@ -29,7 +29,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
-from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName
+from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
 OVERTIME = 150
@@ -224,6 +224,10 @@ class Executor:
     def run(self, episodes: Sequence[Episode], observe: StepObserver | None = None) -> Iterator[EpisodeLog]:
         """Yield the log of each episode as soon as it has ended, so not always in order."""
         options = self._options
+        for task in {each.home_task for each in episodes}:
+            if missing := set(needed_skills(task, options.planner)) - self._skills.keys():
+                lacks = f"the plan needs {', '.join(sorted(missing))}, but only {', '.join(self._skills)} are given"
+                raise PerdureError(lacks)
         world = VectorSimulator(min(options.lanes, len(episodes)), options.threads)
         waiting = list(reversed(episodes))
         running: dict[int, Running] = {}
@@ -274,8 +278,6 @@ class Executor:
             world.assign(lane, self._skill_goal(world, lane, each, each.current))
             each.began = each.step
         for (name, scripted), group in self._groups(lanes, running).items():
-            if name not in self._skills:
-                raise PerdureError(f"the plan needs {name}, but only {', '.join(self._skills)} are given")
             skill = self._skills[name]
             fresh = skill.begin(world.sense(group))
             if self._progress is None or len(self._progress) != world.num_lanes:

@@ -16,9 +16,9 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.simulator import ACTION_SIZE, FORWARD, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.planners import Planner
+from perdure.home.tasks.planners import Planner, needed_skills
 from perdure.home.tasks.planning import make_plan
-from perdure.home.tasks.tasks import NOTHING, SOMETHING_ELSE, TASKS, SkillStep
+from perdure.home.tasks.tasks import NOTHING, SOMETHING_ELSE, TASKS, SkillStep, get_task
 from tests.home.limits import shorten
 
 LIMIT, MOST = 40, 450
@@ -131,6 +131,13 @@ def test_without_clutter_the_log_ends_with_the_targets_alone(set_table, idle):
 def test_skills_without_an_actor_are_refused():
     with pytest.raises(PerdureError, match="pick"):
         Executor({"pick": get_skill("pick")}, {}, None)
+
+
+def test_a_skill_that_only_the_closed_loop_may_need_is_missed_before_anything_runs():
+    skills = {name: get_skill(name) for name in needed_skills(get_task("prepare_groceries"), "open")}
+    executor = Executor(skills, {name: Scripted() for name in skills}, ExecutorOptions(planner="closed"))
+    with pytest.raises(PerdureError, match=r"^the plan needs open_fridge, but only navigate, "):
+        list(executor.run(load_episodes("prepare_groceries", "val").episodes[:1]))
 
 
 def test_skills_of_the_oracle_count_as_scripted(solved, idle):
