@@ -92,8 +92,7 @@ def _curve(
 ) -> Curve:
     """Return an interval as a curve; without bounds where there are too few training runs."""
     by = np.ones_like(x) if divisor is None else divisor
-    few = interval.count < FEWEST_FOR_INTERVAL
-    low, high = (None, None) if few else (interval.lower / by, interval.upper / by)
+    low, high = interval.lower / by, interval.upper / by
     return Curve(label, x, interval.estimate / by, look, low, high, intervals="band" if bands else "last")
 
 

@@ -153,7 +153,7 @@ def _registered_rows() -> Iterator[dict[str, str]]:
 
 
 def _numbers(estimate: float, lower: float, upper: float, form: str = ".2f") -> str:
-    return f"{estimate:{form}}" + (f" [{lower:{form}}, {upper:{form}}]" if lower <= upper else "")
+    return f"{estimate:{form}}" + (f" [{lower:{form}}, {upper:{form}}]" if lower < upper else "")
 
 
 def condition_words(each: Condition) -> str:

@@ -120,9 +120,8 @@ def _reward(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate], s
     low, high = (float(end(item.steps[k] for item in chosen)) for end, k in ((min, 0), (max, -1)))
     for item, look in zip(chosen, _styles(chosen, shown), strict=True):
         found, steps = item.returns, item.steps.astype(np.float64)
-        few = found.count < FEWEST_FOR_INTERVAL
-        lower, upper = (None, None) if few else (found.lower / steps, found.upper / steps)
-        members = item.return_units / steps if few and found.count > 1 else None
+        lower, upper = found.lower / steps, found.upper / steps
+        members = item.return_units / steps if 1 < found.count < FEWEST_FOR_INTERVAL else None
         intervals: Literal["band", "last"] = "band" if bands else "last"
         label = _label(item, chosen)
         lines.append(Curve(label, steps, found.estimate / steps, look, lower, upper, members, intervals=intervals))
