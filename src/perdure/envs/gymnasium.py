@@ -117,7 +117,7 @@ class GymnasiumWorld(TrackedWorld):
             hint = "; put its folder on PYTHONPATH, or install it" if absent else ""
             raise PerdureError(f"gymnasium:{env_id} cannot be imported: {cause}{hint}") from cause
         except gymnasium.error.Error:
-            known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
+            known = [f"gymnasium:{env_id.removesuffix(registered)}{known_id}" for known_id in gymnasium.registry]
             raise unknown_task(f"gymnasium:{env_id}", known) from None
 
         factories = [partial(make_env, env_id, **options)] * len(checked_seeds(seeds))

@@ -88,7 +88,7 @@ def import_sb3(
             f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
             f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
         )
-    _warn_of_normalizer(model, normalizer, written, str(path))
+    _warn_of_normalizer(model, normalizer, written, statistics, str(path))
     steps = _time_feature_steps(time_feature)
     horizon = resolve_training_horizon(spec, training_horizon if training_horizon is not None else steps)
     if time_feature is not None:
@@ -223,9 +223,12 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
             )
 
 
-def _warn_of_normalizer(model: Sb3Model, given: str | Path | None, file: Path | None, what: str) -> None:
+def _warn_of_normalizer(
+    model: Sb3Model, given: str | Path | None, file: Path | None, statistics: Statistics | None, what: str
+) -> None:
     """Warn where a normalizer may be missing, or does not belong to the model."""
     settings, text = model.settings, ""
+    steps, count = settings.steps, statistics.count if statistics else 0.0
     if given is None and not settings.shows_vecnormalize:
         text = (
             f"{what} does not say whether it was trained behind VecNormalize. If so, its actions are wrong without "
@@ -233,6 +236,8 @@ def _warn_of_normalizer(model: Sb3Model, given: str | Path | None, file: Path | 
         )
     elif file is not None and settings.shows_vecnormalize and not settings.behind_vecnormalize:
         text = f"{what} was not trained behind VecNormalize, as far as it shows, but is given the statistics in {file}"
+    elif steps and count and not 2 / 3 < count / steps < 1.5:  # it counts the steps, and one reset of each environment
+        text = f"{what} was trained for {steps:,} steps, {file} for {count:,.0f}: give the file of the same run"
     if text:
         warnings.warn(PerdureWarning(text), stacklevel=3)
 
@@ -284,6 +289,8 @@ class Statistics:
     """None if it normalizes rewards only."""
     gamma: float
     """Discount of the running return whose spread scaled the rewards."""
+    count: float = 0.0
+    """Observations seen; 0: unknown."""
 
 
 def read_vecnormalize(path: Path) -> Statistics:
@@ -311,7 +318,8 @@ def _statistics(state: dict[Any, Any], what: str) -> Statistics:
         raise PerdureError(f"{what} holds no observation statistics")
     mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
     clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
-    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma)
+    count = _single(statistics.state, "count", what)
+    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma, count)
 
 
 def checked_normalizer(

@@ -58,7 +58,7 @@ def load_vecnormalize(path: Path) -> Statistics:
             return Statistics(None, float(saved.gamma))
         mean, var = (np.asarray(each, np.float64).ravel() for each in (saved.obs_rms.mean, saved.obs_rms.var))
         normalizer = checked_normalizer(mean, var, float(saved.clip_obs), float(saved.epsilon), what)
-        return Statistics(normalizer, float(saved.gamma))
+        return Statistics(normalizer, float(saved.gamma), float(saved.obs_rms.count))
 
 
 @contextlib.contextmanager
