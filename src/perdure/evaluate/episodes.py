@@ -211,11 +211,7 @@ def _levels(text: str) -> list[str]:
 
 
 def whole(name: str, value: Any, least: int) -> int:
-    """Return a whole number, such as 1000 or 1e3, as an int.
-
-    Raises:
-        PerdureError: If it is none, or less than `least`.
-    """
+    """Return a whole number, such as 1000 or 1e3, as an int; PerdureError if it is none, or less than `least`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating) or value % 1 != 0:
         raise PerdureError(f"{name} must be a whole number, got {value!r}")
     if value < least:
@@ -332,10 +328,8 @@ class MovementRecorder:
     @property
     def movement(self) -> NDArray[np.float64]:
         """Mean movement in the first and the last tenth, shape (2, episodes); nan where nothing was seen."""
-        result: NDArray[np.float64] = np.divide(
-            self._sums, self._counts, out=np.full_like(self._sums, np.nan), where=self._counts > 0
-        )
-        return result
+        with np.errstate(invalid="ignore"):
+            return self._sums / self._counts
 
 
 class GoalRecorder:
@@ -418,10 +412,9 @@ def evaluate_episodes(
     opened = make_world(disturbed_task(acting[0].policy.task.name, disturbances), seeds) if world is None else world
     try:
         report_success(opened, success)
-        if not disturbances:
-            return _run(opened, acting, steps, progress)
         std = np.stack([each.policy.observation_std for each in acting])
-        return _run(DisturbedWorld(opened, disturbances, seeds, std), acting, steps, progress)
+        disturbed = DisturbedWorld(opened, disturbances, seeds, std) if disturbances else opened
+        return _run(disturbed, acting, steps, progress)
     finally:
         if world is None:
             opened.close()

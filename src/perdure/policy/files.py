@@ -259,11 +259,7 @@ class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
 
 
 def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Check types and numbers of a file's arrays; shapes are checked where policy and reference are built.
-
-    Raises:
-        PerdureError: With the name of the array.
-    """
+    """Check types and numbers of arrays, not shapes, which policy and reference check; PerdureError names the array."""
     for name, array in arrays.items():
         kind, allowed = array.dtype.str[1:], (ARRAYS[name],) if name in ARRAYS else WEIGHTS
         if kind not in allowed:

@@ -129,11 +129,7 @@ class Sb3Settings:
 
 
 def read_settings(data: bytes, what: str) -> Sb3Settings:
-    """Return the settings in a zip's member `data`.
-
-    Raises:
-        PerdureError: If it is no JSON, or describes a policy that cannot be read, with the way to evaluate it.
-    """
+    """Return the settings in `data`; PerdureError if it is no JSON, or how to evaluate a policy that is not read."""
     try:
         values = json.loads(data)
     except (ValueError, RecursionError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -142,12 +143,10 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     if (agent := path.parent / "params" / "agent.yaml").is_file():
         identity["agent"] = file_digest(agent)
     target = folder / f"{path.stem}-{config_digest(identity)[:12]}.safetensors"
-    try:
+    with suppress(PerdureError):  # a damaged file is made again
         if target.exists():
             load_policy(target)
             return target
-    except PerdureError:
-        pass  # damaged: it is made again
     policy = import_file(path, env, **options)
     folder.mkdir(parents=True, exist_ok=True)
     return save_policy(policy, target)
@@ -325,11 +324,7 @@ def _statistics(state: dict[Any, Any], what: str) -> Statistics:
 def checked_normalizer(
     mean: NDArray[np.float64], var: NDArray[np.float64], clip: float, epsilon: float, what: str
 ) -> Normalizer:
-    """Return a normalizer of these statistics.
-
-    Raises:
-        PerdureError: If they do not fit together, are not finite or have a negative variance.
-    """
+    """Return a normalizer; PerdureError if the statistics do not fit together, are not finite or vary negatively."""
     fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
     if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
         raise PerdureError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")

@@ -45,11 +45,7 @@ def load_sb3(path: Path) -> Sb3Model:
 
 
 def load_vecnormalize(path: Path) -> Statistics:
-    """Return the statistics of a VecNormalize, loaded by pickle. Runs the code in the file.
-
-    Raises:
-        PerdureError: If Stable-Baselines3 is not installed, or the file is no VecNormalize.
-    """
+    """Return the statistics of a VecNormalize. Runs the code in the file; PerdureError if it is none."""
     what = str(path)
     with _named(what):
         import_module("stable_baselines3")
