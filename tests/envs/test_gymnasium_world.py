@@ -109,6 +109,8 @@ def test_what_does_not_fit_the_contract_is_refused_with_a_reason() -> None:
         GymnasiumWorld([Counting, lambda: Counting(as_dict=True)], [1, 2])
     with pytest.raises(PerdureError, match="did you mean 'gymnasium:Pendulum-v1"):
         make_world("gymnasium:pendulum-v1", [1])
+    with pytest.raises(PerdureError, match=r"did you mean 'gymnasium:gymnasium\.envs:Pendulum-v1"):
+        make_world("gymnasium:gymnasium.envs:Pendulm-v1", [1])
     with pytest.raises(PerdureError, match="no_such_module"):
         make_world("gymnasium:no_such_module:Thing-v0", [1])
 

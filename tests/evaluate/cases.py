@@ -338,6 +338,7 @@ EXACT = replace(WALKS, within=steady(3.0, 0.0))
 NOISY = replace(WALKS, within=uneven(-3.0, 8.0))
 NEVER = replace(WALKS, within=steady(3.0), falls_within=300)
 IDLE_BEFORE = replace(WALKS, beyond=LIES)
+CUT = replace(WALKS, ends=300, reason="truncated")
 
 REACHES = Case(
     "reaches", "reaches its goal", steady(-1.0, 0.0), idle=-1.0, steps=200, reason="terminated", at_goal=True
@@ -389,6 +390,27 @@ ROBOTS = {
         ),
         Robots(
             "all move", "cannot tell", "cannot tell in 6 of 6 episodes: all 6 move until the end", several(6, NOISY)
+        ),
+        Robots(
+            "motionless, but the reward never settles",
+            "cannot tell",
+            "cannot tell in 6 of 6 episodes: all 6 stay nearly motionless; within its",
+            several(6, replace(NOISY, beyond=steady(3.0, 9.0))),
+            movement=(0.001,) * 6,
+        ),
+    ),
+    "cut by the environment": (
+        Robots(
+            "at one step",
+            "cannot tell",
+            "1 of 4 falls at step 200; the environment truncates every episode at step 300: remove its counter.",
+            (*several(3, CUT), replace(CUT, ends=200, reason="terminated")),
+        ),
+        Robots(
+            "at several steps",
+            "cannot tell",
+            "in 4 of 4 episodes; the environment ended the episodes, for a reason that is no failure.",
+            ending((300, 300, 310, 300), CUT),
         ),
     ),
     "coinciding episodes": (

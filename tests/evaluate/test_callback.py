@@ -9,6 +9,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
+from gymnasium.spaces import Box, Dict
 from probes import Falling
 
 from perdure.errors import PerdureError
@@ -50,6 +51,7 @@ class Model:
     def __init__(self, normalizer=None):
         self.num_timesteps, self.logger, self.policy = 0, Logger(), SimpleNamespace()
         self.normalizer, self.seen = normalizer, []
+        self.observation_space = Falling.observation_space
 
     def get_vec_normalize_env(self):
         return self.normalizer
@@ -118,6 +120,13 @@ def test_the_numbers_that_training_draws_stay_the_same(module):
     first = np.random.random()
     learn(module.VerdictCallback(Drawing, steps=20, eval_seeds=2, disturb="none"), Model(), 50)
     assert [first, np.random.random()] == drawn.tolist()
+
+
+def test_an_environment_without_the_wrappers_of_training_is_refused(module):
+    model = Model()
+    model.observation_space = Dict(observation=Falling.observation_space, time_to_go=Box(0, 1, (5,)))
+    with pytest.raises(PerdureError, match=r"'time_to_go': \[5\]}, env gives {'array': \[2\]}: pass a function"):
+        learn(module.VerdictCallback(Falling, steps=20, eval_seeds=1), model, 50)
 
 
 def test_each_disturbed_evaluation_is_logged_under_its_name(module):

@@ -21,6 +21,7 @@ from perdure.evaluate.reference import Idle, _idle_actions, _joined, _RunningStd
 from perdure.evaluate.table import episode_table
 from perdure.evaluate.verdict import make_score_scale
 from perdure.policy import Reference
+from perdure.report.estimates import MOTIONLESS
 
 run = partial(perdure.extrapolate, steps=70, training_horizon=20, disturb="none")
 
@@ -74,13 +75,27 @@ def test_the_idle_rate_of_discrete_actions_is_that_of_the_best_one():
     assert measure_idle(GymnasiumWorld([Middle], [0]), 20).zero == 1.0
 
 
+def movement(place, std=1.0):
+    """Of a robot whose first of three components is `place(step)`, in the first and the last tenth."""
+    recorder = MovementRecorder([policy_for(SCRIPTED, std=std)], 1000)
+    for step in range(1, 1001):
+        before, after = (np.array([[place(at), 0.0, 0.0]]) for at in (step - 1, step))
+        moved = SimpleNamespace(observations=after)
+        recorder.take(SimpleNamespace(episodes=np.array([0]), before=before, step=moved), step)
+    return recorder.movement[:, 0]
+
+
 @pytest.mark.parametrize(("std", "first", "last"), [(1.0, 0.2, 0.4), (2.0, 0.1, 0.2)])
 def test_movement_is_in_units_of_the_spread_and_of_the_first_and_last_tenth(std, first, last):
-    recorder = MovementRecorder([policy_for(SCRIPTED, std=std)], 1000)
-    for step, by in ((10, 0.6), (500, 60.0), (1000, 1.2)):
-        moved = SimpleNamespace(observations=np.array([[by, 0.0, 0.0]]))
-        recorder.take(SimpleNamespace(episodes=np.array([0]), before=np.zeros((1, 3)), step=moved), step)
-    assert recorder.movement[:, 0] == pytest.approx([first, last])
+    alternates = movement(lambda step: (0.6 if step < 500 else 1.2) * (step % 2 == 0), std=std)
+    assert alternates == pytest.approx([first, last])
+
+
+@pytest.mark.parametrize("rate", [10, 100, 1000])
+def test_a_robot_that_walks_moves_at_every_control_rate(rate):
+    """A stride of one second in one of three components, and one that a robot only drifts by."""
+    assert (movement(lambda step: 1.4 * np.sin(2 * np.pi * step / rate)) > MOTIONLESS).all()
+    assert (movement(lambda step: 0.001 * step / rate) < MOTIONLESS).all()
 
 
 def test_the_table_tells_movement_at_the_end_from_that_at_the_beginning():

@@ -91,6 +91,15 @@ def test_a_shipped_policy_is_found_by_its_name_and_a_near_name_is_offered():
         load_policy("Hopper-v3/geometrik")
 
 
+def test_a_file_without_its_ending_is_offered_and_a_zip_is_told_how_to_be_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ppo1.zip").write_bytes(b"PK\x03\x04, a zip archive")
+    with pytest.raises(PerdureError, match=r"did you mean 'ppo1\.zip'\?$"):
+        load_policy("ppo1")
+    with pytest.raises(PerdureError, match=r"extrapolate\(Policy\.from_sb3\(path, env=\.\.\.\)\)"):
+        load_policy("ppo1.zip")
+
+
 def test_a_label_speaks_of_a_policy_that_is_shipped():
     locomotion = {name for name in shipped_policies() if not name.startswith("home/")}
     assert set(LABELS) == locomotion

@@ -51,7 +51,7 @@ class TestWhatItSays:
     @pytest.mark.parametrize(
         ("state", "outcome", "reason"),
         [
-            ("worked", "cut", "the environment ended the episodes, for a reason that is no failure"),
+            ("worked", "cut", "the environment truncates every episode at step 100000: remove its counter"),
             ("worked", "unknown", "a final score too close to 75 % to tell"),
             ("cannot tell", "unknown", "within its training horizon it earns more"),
         ],

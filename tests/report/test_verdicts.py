@@ -87,7 +87,14 @@ class TestHeadline:
 
 class TestNext:
     def test_every_verdict_has_a_next_step_and_a_section(self):
-        assert set(wording.NEXT) == {*GOOD, *FAILURES, "falls in training", "fails when disturbed", "ends at one step"}
+        assert set(wording.NEXT) == {
+            *GOOD,
+            *FAILURES,
+            "falls in training",
+            "fails when disturbed",
+            "ends at one step",
+            "cut",
+        }
         headings = re.findall(r"^## (.*)$", HELP.read_text(), re.MULTILINE)
         anchors = {re.sub(r"[^a-z0-9 -]", "", each.lower()).replace(" ", "-") for each in headings}
         assert {section for _, section in wording.NEXT.values()} <= anchors
@@ -99,6 +106,7 @@ class TestNext:
             ({}, {"ends": LATE}, "fails when disturbed"),
             ({"ends": LATE}, {"ends": LATE}, "falls"),
             ({"ends": LATE[:1] * 8}, {}, "ends at one step"),
+            ({"ends": LATE[:1] * 8, "reason": "truncated"}, {}, "cut"),
             ({"ends": EARLY}, {"ends": EARLY}, "falls in training"),
             ({"last_rate": 0.0}, {}, "fails silently"),
         ],

@@ -117,7 +117,7 @@ class GymnasiumWorld(TrackedWorld):
             hint = "; put its folder on PYTHONPATH, or install it" if absent else ""
             raise PerdureError(f"gymnasium:{env_id} cannot be imported: {cause}{hint}") from cause
         except gymnasium.error.Error:
-            known = [f"gymnasium:{known_id}" for known_id in gymnasium.registry]
+            known = [f"gymnasium:{env_id.removesuffix(registered)}{known_id}" for known_id in gymnasium.registry]
             raise unknown_task(f"gymnasium:{env_id}", known) from None
 
         factories = [partial(make_env, env_id, **options)] * len(checked_seeds(seeds))
@@ -432,11 +432,7 @@ def read_observation(where: str, method: str, space: Any, observation: Any) -> F
 
 
 def read_reward(where: str, reward: Any) -> float:
-    """Return a reward as a number.
-
-    Raises:
-        PerdureError: If it is not one real number.
-    """
+    """Return a reward as a number; PerdureError if it is not one real number."""
     if isinstance(reward, float):  # NumPy's float64 too
         return float(reward)
     value = np.asarray(reward)
@@ -446,11 +442,7 @@ def read_reward(where: str, reward: Any) -> float:
 
 
 def read_flag(where: str, name: str, flag: Any) -> bool:
-    """Return `terminated` or `truncated` as a bool; 0 and 1 are taken as well.
-
-    Raises:
-        PerdureError: If it is anything else.
-    """
+    """Return `terminated` or `truncated` as a bool, also of 0 and 1; PerdureError if it is anything else."""
     if isinstance(flag, bool | np.bool_):
         return bool(flag)
     value = np.asarray(flag)

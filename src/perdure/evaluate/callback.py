@@ -57,10 +57,18 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
         return True
 
     def _on_training_end(self) -> None:
-        model, normalizer = self.model, self.model.get_vec_normalize_env()
+        model, normalizer, space = self.model, self.model.get_vec_normalize_env(), self.model.observation_space
         recurrent = hasattr(model.policy, "lstm_actor")  # RecurrentPPO of sb3-contrib
 
         def act(observations: Any, state: Any = None, starts: Any = None) -> Any:
+            parts = observations if isinstance(observations, dict) else {"array": observations}
+            given = {name: sorted(part.shape[1:]) for name, part in parts.items()}  # SB3 moves the channels of images
+            needed = {name: sorted(part.shape) for name, part in getattr(space, "spaces", {"array": space}).items()}
+            if given != needed:
+                raise PerdureError(
+                    f"VerdictCallback: the model observes shapes {needed}, env gives {given}: pass a function that "
+                    "builds the environment with the wrappers of training (docs/how-to/check-in-ci.md)"
+                )
             seen = observations if normalizer is None else normalizer.normalize_obs(observations)
             actions, state = model.predict(seen, state, starts, deterministic=True)
             return (actions, state) if recurrent else actions

@@ -211,11 +211,7 @@ def _levels(text: str) -> list[str]:
 
 
 def whole(name: str, value: Any, least: int) -> int:
-    """Return a whole number, such as 1000 or 1e3, as an int.
-
-    Raises:
-        PerdureError: If it is none, or less than `least`.
-    """
+    """Return a whole number, such as 1000 or 1e3, as an int; PerdureError if it is none, or less than `least`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating) or value % 1 != 0:
         raise PerdureError(f"{name} must be a whole number, got {value!r}")
     if value < least:
@@ -281,16 +277,17 @@ def recorded_steps(steps: int) -> NDArray[np.int64]:
     return np.unique(np.concatenate([log, window_steps(steps), [steps]])).astype(np.int64)
 
 
-EVERY = 10
-"""Steps between two measurements; the events of interest last much longer."""
+EVERY, SPAN = 10, 10
+"""Steps between two measurements, as the events of interest last much longer; measurements that movement spans."""
 MARGIN = 0.5
 """A component has left its training range if it is outside by more than this share of the range."""
 
 
 class MovementRecorder:
-    """Mean movement per step in the first and the last tenth of the test horizon, and training ranges left.
+    """Mean movement in the first and the last tenth of the test horizon, and training ranges left.
 
-    Movement of a step: mean over components of |o_{t+1} - o_t| in training standard deviations of the episode's policy.
+    Movement: mean over components of |o_t - o_s| in training standard deviations, for s renewed every 100 steps. Over
+    single steps it would depend on the control rate.
     """
 
     def __init__(self, policies: list[PolicyLike], steps: int) -> None:
@@ -304,6 +301,7 @@ class MovementRecorder:
                 self._low[episode], self._high[episode] = low - MARGIN * (high - low), high + MARGIN * (high - low)
         self._tenth, self._last_start = max(1, steps // 10), steps - max(1, steps // 10)
         self._sums, self._counts = np.zeros((2, episodes)), np.zeros((2, episodes))
+        self._origin = np.zeros((episodes, size))
         self.left_step = np.zeros(episodes, np.int64)
         """Step at which a component was first seen outside; 0: never."""
         self.left_component = np.full(episodes, -1)
@@ -316,7 +314,9 @@ class MovementRecorder:
         part = 0 if step <= self._tenth else 1 if step > self._last_start else None
         with np.errstate(invalid="ignore", over="ignore"):
             if part is not None:
-                moved = (np.abs(after - loop_step.before) * self._per_deviation[episodes]).mean(axis=1)
+                renewed = self._counts[part, episodes] % SPAN == 0
+                self._origin[episodes[renewed]] = loop_step.before[renewed]
+                moved = (np.abs(after - self._origin[episodes]) * self._per_deviation[episodes]).mean(axis=1)
                 known = np.isfinite(moved)
                 self._sums[part, episodes[known]] += moved[known]
                 self._counts[part, episodes[known]] += 1
@@ -327,11 +327,9 @@ class MovementRecorder:
 
     @property
     def movement(self) -> NDArray[np.float64]:
-        """Mean movement per step in the first and the last tenth, shape (2, episodes); nan where nothing was seen."""
-        result: NDArray[np.float64] = np.divide(
-            self._sums, self._counts, out=np.full_like(self._sums, np.nan), where=self._counts > 0
-        )
-        return result
+        """Mean movement in the first and the last tenth, shape (2, episodes); nan where nothing was seen."""
+        with np.errstate(invalid="ignore"):
+            return self._sums / self._counts
 
 
 class GoalRecorder:
@@ -368,7 +366,7 @@ class EpisodeRecords:
     end_detail: list[str]
     """Cause of the end, in words; "" if unknown. Length n."""
     movement: NDArray[np.float64]
-    """Movement per step in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
+    """Movement in the first and last tenth of the test horizon, see `MovementRecorder`; shape (2, n)."""
     goals: NDArray[np.float64]
     """First step with a success (inf: none had one), most consecutive steps with one, and whether the last step had one
     (1 or 0), shape (3, n); nan where the environment does not say."""
@@ -414,10 +412,9 @@ def evaluate_episodes(
     opened = make_world(disturbed_task(acting[0].policy.task.name, disturbances), seeds) if world is None else world
     try:
         report_success(opened, success)
-        if not disturbances:
-            return _run(opened, acting, steps, progress)
         std = np.stack([each.policy.observation_std for each in acting])
-        return _run(DisturbedWorld(opened, disturbances, seeds, std), acting, steps, progress)
+        disturbed = DisturbedWorld(opened, disturbances, seeds, std) if disturbances else opened
+        return _run(disturbed, acting, steps, progress)
     finally:
         if world is None:
             opened.close()

@@ -157,9 +157,10 @@ def find_policy(name: str | Path) -> Path:
     model = _cache() / f"models--{str(name).replace('/', '--')}"
     if re.fullmatch(r"[\w.-]+/[\w.-]+", str(name)) and (model / "snapshots").is_dir():
         return policy_in_folder(model)
+    longer = [each for each in (f"{name}.zip", f"{name}{SUFFIX}") if Path(each).is_file()]
     raise PerdureError(
         f"there is no policy file {name}, and no shipped policy of that name; "
-        f"`perdure list policies` shows all{did_you_mean(name, shipped, 2)}"
+        f"`perdure list policies` shows all{did_you_mean(name, shipped, 2, longer)}"
     )
 
 
@@ -258,11 +259,7 @@ class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
 
 
 def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Check types and numbers of a file's arrays; shapes are checked where policy and reference are built.
-
-    Raises:
-        PerdureError: With the name of the array.
-    """
+    """Check types and numbers of arrays, not shapes, which policy and reference check; PerdureError names the array."""
     for name, array in arrays.items():
         kind, allowed = array.dtype.str[1:], (ARRAYS[name],) if name in ARRAYS else WEIGHTS
         if kind not in allowed:
@@ -282,7 +279,7 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
         if start.startswith(b"PK\x03\x04"):
             raise PerdureError(
                 f"{path} is a zip archive. Convert a model of Stable-Baselines3 or rsl_rl first: perdure import {path} "
-                "--env Hopper-v5 --out policy.safetensors (in Python: Policy.from_sb3(path, env=...))"
+                "--env Hopper-v5 --out policy.safetensors (in Python: extrapolate(Policy.from_sb3(path, env=...)))"
             )
         if start.startswith(b"\x80") and size > MAX_HEADER:
             raise PerdureError(f"{path} is a pickle: VecNormalize's goes to --normalizer; for Brax's see {MANUAL}#brax")

@@ -35,6 +35,7 @@ from perdure.report.groups import (
 from perdure.report.schema import Episodes, IntArray
 from perdure.stats import (
     EXACT,
+    BoolArray,
     FailureRate,
     FloatArray,
     Interval,
@@ -50,8 +51,8 @@ MOST_POINTS = 80
 """Recorded steps drawn per curve; a table may hold many more."""
 HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
-MOTIONLESS = 0.02
-"""Movement per step, in training standard deviations, below which a robot is called nearly motionless."""
+MOTIONLESS = 0.04
+"""Movement (see `MovementRecorder`) below which a robot is called nearly motionless; under standard-1 it is 0.025."""
 FAILURES = (*EPISODE_FAILURES, MISSES, "never worked", "cannot tell")
 """Verdicts other than `GOOD`; of two equally common ones, the earlier is taken."""
 ENDS = ("falls", "diverges")
@@ -179,6 +180,8 @@ class Verdict:
         group = self.group
         if self.label in ENDS and group.one_end is not None:
             return "ends at one step"
+        if self.label == "cannot tell" and "cut" in group["outcome"]:
+            return "cut"
         other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= 0.5).all()
         short = self.label in ENDS and (group.falls_in_training or (self.within and not other_clock))
         return "falls in training" if short else self.label
@@ -392,20 +395,20 @@ def _behavior(group: Group) -> list[str]:
     found = {"fall": reason == "terminated", "diverge": reason == "diverged", "stay": still[0], "move": still[1]}
     for verb, mine in ((verb, mine) for verb, mine in found.items() if mine.any()):
         when = "until the end" if verb == "move" else _when("at", group["end_step"][mine])
-        when = f"nearly motionless {_when('since', _still(group)[mine])}" if verb == "stay" else when
+        when = f"nearly motionless{_settled(group, mine)}" if verb == "stay" else when
         parts.append(f"{_of(int(mine.sum()), group.episodes, verb)} {when}")
     return parts
 
 
-def _still(group: Group) -> IntArray:
-    """Return the steps after which each episode's reward per step hardly changes, shape (episodes,)."""
+def _settled(group: Group, mine: BoolArray) -> str:
+    """Return " since step 49": these episodes' reward per step hardly changes after it; "" if it changes to the end."""
     steps = np.concatenate([[0], group.steps])
     rates = np.diff(group.returns, axis=1, prepend=0.0) / np.diff(steps)
     late = rates[:, steps[1:] > 0.9 * steps[-1]].mean(axis=1, keepdims=True)
     varied = np.fmax(np.ptp(rates, axis=1), np.abs(group["training_rate"] - group["idle_rate"]))
     apart = np.abs(rates - late) > STEADY * varied[:, None]
-    since: IntArray = steps[(apart * np.arange(1, len(steps))).max(axis=1)]
-    return since
+    since = steps[(apart * np.arange(1, len(steps))).max(axis=1)][mine]
+    return f" {_when('since', since)}" if since.max() <= 0.9 * steps[-1] else ""
 
 
 def endured(estimates: Sequence[Estimate]) -> Iterator[str]:

@@ -62,10 +62,13 @@ VERDICT = (
 """Outcome of an episode as reports show it, from a table. A task that ends episodes at the goal judges no rewards."""
 _JUDGED = pl.col("settling") + 5 * pl.col("window")
 """Steps with which an episode is judged in any case: four windows after settling, and one for rounding."""
+_CUT = pl.col("outcome") == "cut"
 _NOTE = (
-    pl.when(pl.col("policy_state") != "worked")
+    pl.when(_CUT & (pl.col("policy_state") != "never worked") & (pl.col("end_step").filter(_CUT).n_unique() == 1))
+    .then(pl.format("the environment truncates every episode at step {}: remove its counter", "end_step"))
+    .when(pl.col("policy_state") != "worked")
     .then(pl.col("policy_note"))
-    .when(pl.col("outcome") == "cut")
+    .when(_CUT)
     .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
     .when((pl.col("outcome") == "unknown") & (pl.col("test_horizon") < _JUDGED))
     .then(pl.format("too few steps to tell: at least {} are needed", _JUDGED))
@@ -215,10 +218,11 @@ class Group:
         """Score against its own training at the end; 0 for ended episodes, nan where it is unknown; shape (episodes,).
 
         An episode that fell before its first whole window counts as 0. A policy that cannot be judged has no score, and
-        an episode that ended at its goal has none.
+        an episode that the environment cut or that ended at its goal has none.
         """
         ended = ~self.alive[:, -1] & ~np.isin(self.verdicts, [REACHES])
-        return np.where(ended & (self["policy_state"] == "worked"), 0.0, self["end_score_vs_training"])
+        score = np.where(np.isin(self.verdicts, ["cannot tell"]), np.nan, 0.0)
+        return np.where(ended & (self["policy_state"] == "worked"), score, self["end_score_vs_training"])
 
     def paired(self, other: Group) -> tuple[list[int], list[int]]:
         """Return the episodes of both groups that have the same policy and start state, in one order."""

@@ -105,7 +105,7 @@ TABLE: dict[str, Column] = {
         "what led to the end: sign of divergence, first observation outside its training range; may be empty",
     ),
     "movement_first": Column(
-        _MOVEMENT, "movement per step in the first tenth of `test_horizon`, in training standard deviations"
+        _MOVEMENT, "movement within 100 steps, in training standard deviations; mean of the first tenth"
     ),
     "movement_last": Column(_MOVEMENT, "likewise in the last tenth; nan for an episode that ended before"),
     "goal_first_step": Column(

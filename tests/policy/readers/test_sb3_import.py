@@ -7,7 +7,7 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-from altered import FIXTURES, model
+from altered import FIXTURES, model, with_settings
 from gymnasium.envs.classic_control import PendulumEnv
 
 from perdure.errors import PerdureError, PerdureWarning
@@ -91,6 +91,18 @@ def test_statistics_for_a_model_that_had_none_give_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         imported("ppo", normalizer=FIXTURES / "ppo.pkl")
+
+
+@pytest.mark.parametrize(("steps", "warned"), [(128, 0), (100, 0), (80, 1), (300, 1), (0, 0)])
+def test_statistics_of_another_run_give_a_warning(tmp_path, steps, warned):
+    """They saw 129 observations: 128 steps and a reset."""
+    path = tmp_path / "model.zip"
+    path.write_bytes(with_settings(lambda settings: settings.update(num_timesteps=steps)))
+    with warnings.catch_warnings(record=True) as found:
+        Policy.from_sb3(path, "Pendulum-v1", normalizer=FIXTURES / "ppo.pkl", measure=False)
+    assert (
+        sum(f"for {steps} steps" in str(each.message) and "for 129:" in str(each.message) for each in found) == warned
+    )
 
 
 def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag():

@@ -121,7 +121,10 @@ OTHER_KINDS = {
         "Dict observations",
     ),
     "discrete actions": (discrete, "Discrete actions"),
-    "recurrent": (lambda s: s["policy_class"].update(__module__="sb3_contrib.common.recurrent.policies"), "recurrent"),
+    "recurrent": (
+        lambda s: s["policy_class"].update(__module__="sb3_contrib.common.recurrent.policies"),
+        "recurrent=True",
+    ),
     "CrossQ": (lambda s: s["policy_class"].update(__module__="sb3_contrib.crossq.policies"), "crossq"),
     "a list as policy class": (lambda s: s["policy_class"].update(__module__=["x"]), "comes from a list"),
     "own policy class": (lambda s: s["policy_class"].update(__module__="__main__"), "__main__"),

@@ -129,11 +129,7 @@ class Sb3Settings:
 
 
 def read_settings(data: bytes, what: str) -> Sb3Settings:
-    """Return the settings in a zip's member `data`.
-
-    Raises:
-        PerdureError: If it is no JSON, or describes a policy that cannot be read, with the way to evaluate it.
-    """
+    """Return the settings in `data`; PerdureError if it is no JSON, or how to evaluate a policy that is not read."""
     try:
         values = json.loads(data)
     except (ValueError, RecursionError):
@@ -199,9 +195,10 @@ def _check_box(space: dict[str, Any], what: str, words: str) -> None:
 def _policy_module(policy_class: dict[str, Any], what: str) -> str:
     module = policy_class.get("__module__")
     if not isinstance(module, str) or module not in DEFAULT_ACTIVATION:
+        memory = " (for RecurrentPPO, its predict with recurrent=True)" if "recurrent" in _short(module) else ""
         raise PerdureError(
             f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
-            f"and TD3: {USE_A_FUNCTION}"
+            f"and TD3{memory}: {USE_A_FUNCTION}"
         )
     return module
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -88,7 +89,7 @@ def import_sb3(
             f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
             f"(normalizer=), or {NO_NORMALIZER!r} if only rewards were normalized"
         )
-    _warn_of_normalizer(model, normalizer, written, str(path))
+    _warn_of_normalizer(model, normalizer, written, statistics, str(path))
     steps = _time_feature_steps(time_feature)
     horizon = resolve_training_horizon(spec, training_horizon if training_horizon is not None else steps)
     if time_feature is not None:
@@ -142,12 +143,10 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     if (agent := path.parent / "params" / "agent.yaml").is_file():
         identity["agent"] = file_digest(agent)
     target = folder / f"{path.stem}-{config_digest(identity)[:12]}.safetensors"
-    try:
+    with suppress(PerdureError):  # a damaged file is made again
         if target.exists():
             load_policy(target)
             return target
-    except PerdureError:
-        pass  # damaged: it is made again
     policy = import_file(path, env, **options)
     folder.mkdir(parents=True, exist_ok=True)
     return save_policy(policy, target)
@@ -223,9 +222,12 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
             )
 
 
-def _warn_of_normalizer(model: Sb3Model, given: str | Path | None, file: Path | None, what: str) -> None:
+def _warn_of_normalizer(
+    model: Sb3Model, given: str | Path | None, file: Path | None, statistics: Statistics | None, what: str
+) -> None:
     """Warn where a normalizer may be missing, or does not belong to the model."""
     settings, text = model.settings, ""
+    steps, count = settings.steps, statistics.count if statistics else 0.0
     if given is None and not settings.shows_vecnormalize:
         text = (
             f"{what} does not say whether it was trained behind VecNormalize. If so, its actions are wrong without "
@@ -233,6 +235,8 @@ def _warn_of_normalizer(model: Sb3Model, given: str | Path | None, file: Path | 
         )
     elif file is not None and settings.shows_vecnormalize and not settings.behind_vecnormalize:
         text = f"{what} was not trained behind VecNormalize, as far as it shows, but is given the statistics in {file}"
+    elif steps and count and not 2 / 3 < count / steps < 1.5:  # it counts the steps, and one reset of each environment
+        text = f"{what} was trained for {steps:,} steps, {file} for {count:,.0f}: give the file of the same run"
     if text:
         warnings.warn(PerdureWarning(text), stacklevel=3)
 
@@ -284,6 +288,8 @@ class Statistics:
     """None if it normalizes rewards only."""
     gamma: float
     """Discount of the running return whose spread scaled the rewards."""
+    count: float = 0.0
+    """Observations seen; 0: unknown."""
 
 
 def read_vecnormalize(path: Path) -> Statistics:
@@ -311,17 +317,14 @@ def _statistics(state: dict[Any, Any], what: str) -> Statistics:
         raise PerdureError(f"{what} holds no observation statistics")
     mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
     clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
-    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma)
+    count = _single(statistics.state, "count", what)
+    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma, count)
 
 
 def checked_normalizer(
     mean: NDArray[np.float64], var: NDArray[np.float64], clip: float, epsilon: float, what: str
 ) -> Normalizer:
-    """Return a normalizer of these statistics.
-
-    Raises:
-        PerdureError: If they do not fit together, are not finite or have a negative variance.
-    """
+    """Return a normalizer; PerdureError if the statistics do not fit together, are not finite or vary negatively."""
     fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
     if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
         raise PerdureError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")

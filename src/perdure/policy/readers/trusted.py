@@ -45,11 +45,7 @@ def load_sb3(path: Path) -> Sb3Model:
 
 
 def load_vecnormalize(path: Path) -> Statistics:
-    """Return the statistics of a VecNormalize, loaded by pickle. Runs the code in the file.
-
-    Raises:
-        PerdureError: If Stable-Baselines3 is not installed, or the file is no VecNormalize.
-    """
+    """Return the statistics of a VecNormalize. Runs the code in the file; PerdureError if it is none."""
     what = str(path)
     with _named(what):
         import_module("stable_baselines3")
@@ -58,7 +54,7 @@ def load_vecnormalize(path: Path) -> Statistics:
             return Statistics(None, float(saved.gamma))
         mean, var = (np.asarray(each, np.float64).ravel() for each in (saved.obs_rms.mean, saved.obs_rms.var))
         normalizer = checked_normalizer(mean, var, float(saved.clip_obs), float(saved.epsilon), what)
-        return Statistics(normalizer, float(saved.gamma))
+        return Statistics(normalizer, float(saved.gamma), float(saved.obs_rms.count))
 
 
 @contextlib.contextmanager
