@@ -259,6 +259,9 @@ class Walk:
 class VelocityCommandEnv(MujocoEnv):
     """See the module. `unwrapped` has MuJoCo's `model` and `data`, so that disturbances of perdure work on it."""
 
+    policy_action: FloatArray | None = None
+    """What `actions` observes of the next step, if not the action that acts there; set before the step."""
+
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012
 
     def __init__(self, robot: str | Path | Contract, render_mode: str | None = None, **options: Any) -> None:
@@ -317,7 +320,8 @@ class VelocityCommandEnv(MujocoEnv):
         data.ctrl[:] = self._pose + self._scale * action
         mujoco.mj_step(self.model, data, nstep=self.frame_skip)
         self._seconds += dt
-        observation = self._observe(action)
+        observation = self._observe(action if self.policy_action is None else self.policy_action)
+        self.policy_action = None
         vx, vy, turning = self._motion
         linear, angular = (forward - vx) ** 2 + (lateral - vy) ** 2, (rate - turning) ** 2
         reward = math.exp(-linear / LINEAR_VARIANCE - angular / ANGULAR_VARIANCE)
