@@ -181,7 +181,7 @@ class TestWhatItSays:
 
     def test_where_every_step_pays_the_same_no_score_is_named(self, synthetic):
         text = summary_text(synthetic([{"rate": 1.0, "idle_rate": 1.0}]))
-        assert "every step pays the same, so only survival is judged." in text
+        assert "an idle robot earns as much, so only survival is judged." in text
         assert "score against its own training" not in text
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):

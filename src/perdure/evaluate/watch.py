@@ -248,9 +248,8 @@ class Judge:
         measured = with_reference(replace(policy, reference=None) if isinstance(policy, Policy) else policy, source)
         assert measured.reference is not None
         self.policy, self._source, self._steps = measured, source, steps
-        self.scale: ScoreScale = make_score_scale(
-            measured.reference, idle_baseline(source), published_rate(policy.task.name)
-        )
+        idle, task = idle_baseline(source), policy.task.name
+        self.scale: ScoreScale = make_score_scale(measured.reference, idle, published_rate(task), is_contract(task))
 
     def judge(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> list[JudgedEpisode]:
         """Run one episode from each start state."""
