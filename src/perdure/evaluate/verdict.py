@@ -42,7 +42,7 @@ LEAST_GAIN = 0.25
 """A policy has also never worked if its gain over the idle robot is less than this share of the difference between zero
 and random actions. If no published policy is known, this is the only criterion."""
 IDLE_IS_BEST = 0.95
-"""Where an idle robot earns more of the 1 that a step of a contract pays at most, as if told to stand, survival counts."""
+"""A contract, which pays at most 1 a step, is judged by survival if an idle robot earns more: told to stand."""
 LEAST_SURVIVAL = 0.5
 """Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4

@@ -174,9 +174,8 @@ def write_report(
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
         verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
-        parts += [
-            header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates, folder, notes))
-        ]
+        after = _advice(estimates, folder, command, notes)
+        parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
         parts += [figures(top), *shown, *_tables(estimates), figures(others)]
     made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
@@ -224,7 +223,9 @@ def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
-def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str] | None) -> list[tuple[str, str]]:
+def _advice(
+    estimates: Sequence[Estimate], folder: Path, command: str, notes: Mapping[str, str] | None
+) -> list[tuple[str, str]]:
     """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
     files = list((folder / IMPORTED).glob("*.safetensors"))
     parts: dict[str, list[Verdict]] = {}
@@ -233,11 +234,18 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
     sentences, of_files = list(found)[:MOST_NAMED], notes is None or any(name.startswith(FILE_NOTE) for name in notes)
     if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
-        clock, first = group.clock_flag, int(group["eval_seed"][group.failed].min())
+        _, _, module = group.task.rpartition(":")[0].partition(":")
         left_out = group["not_applied"][0].split(", ")
         met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
         disturb = " ".join(met) if any(left_out) else group.disturbance
-        options = {"steps": group.test_horizon, "first-eval-seed": first, "clock": clock, "disturb": disturb}
+        options = {
+            "env": shlex.quote(group.task) if ".onnx" in command and not files else "",  # other files name their own
+            "modules": shlex.quote(module) if module else "",
+            "steps": group.test_horizon,
+            "first-eval-seed": int(group["eval_seed"][group.failed].min()),
+            "clock": group.clock_flag,
+            "disturb": disturb,
+        }
         flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM, ""))
         watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
         sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
