@@ -98,11 +98,7 @@ class Disturbance:
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """Return the disturbance of a text such as ``push:0.5``.
-
-    Raises:
-        PerdureError: If the text names none, or the level is out of range.
-    """
+    """Return the disturbance of a text such as ``push:0.5``; PerdureError if it names none, or no level in range."""
     name, _, level = text.strip().partition(":")
     try:
         number = float(level)
@@ -295,13 +291,9 @@ def change_model(model: Any, levels: Mapping[str, float]) -> None:
 
 
 def horizontal_velocities(model: Any) -> IntArray:
-    """Return the numbers in `qvel` of the root's velocities along x and y.
+    """Return the numbers in `qvel` of the velocities of a model's root, its first body, along x and y.
 
-    Args:
-        model: MuJoCo's model; its root is the first body. Planar robots have one such velocity.
-
-    Raises:
-        PerdureError: If the root does not move.
+    Planar robots have one. PerdureError if the root does not move.
     """
     import mujoco
 

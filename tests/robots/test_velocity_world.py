@@ -195,6 +195,7 @@ def test_a_contract_is_a_task():
     world = make_world(str(ANT), [0, 1])
     assert (world.spec.name, world.spec.step_seconds) == (str(ANT), pytest.approx(0.05))
     assert world.spec.engine.endswith(mujoco.__version__)
+    assert world.spec.observation_names[3:7] == (*(f"projected_gravity[{k}]" for k in range(3)), "command[0]")
     models = [env.unwrapped.model for env in world.environments]
     assert models[0] is not models[1]  # disturbances change them
     world.close()

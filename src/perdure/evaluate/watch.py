@@ -222,11 +222,7 @@ class RenderEnv:
 
 
 def find_render_env(task: str) -> RenderEnv:
-    """Return the environment that is rendered instead of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5".
-
-    Raises:
-        PerdureError: If there is none.
-    """
+    """Return the environment that is rendered in place of a task such as "Hopper-v3"; PerdureError if there is none."""
     import_module("perdure.envs.copies")  # registers them
     if task.startswith(GYMNASIUM_PREFIX) or is_contract(task):
         return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))

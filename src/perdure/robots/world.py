@@ -194,6 +194,9 @@ class Observer:
         ]
         by_step = contract.history_layout == "by step"
         self._order = np.hstack(parts if by_step else [part.ravel() for part in parts]).ravel()
+        columns = [f"{term.name}[{k}]" for term, width in zip(terms, widths, strict=True) for k in range(width)]
+        self.names = [columns[place % len(columns)] for place in self._order]
+        """Of each component of an observation."""
 
     def begin(self) -> None:
         """Begin an episode: its first step fills the history."""
@@ -282,6 +285,7 @@ class VelocityCommandEnv(MujocoEnv):
         self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
         self._cosine = math.cos(math.radians(contract.fall_tilt))
         self._schedule, self._observer = Schedule(contract), Observer(contract)
+        self.observation_names = self._observer.names
         self._phased = any(term.name in ("sin_phase", "cos_phase") for term in contract.terms)
         self.init_qpos = self._standing()
 
