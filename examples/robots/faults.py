@@ -70,6 +70,7 @@ def minute(contract: Contract, policy: Any, delay: int) -> list[Any]:
         earned, steps, waiting = 0.0, round(SECONDS / env.dt), [np.zeros(len(low))] * delay
         for _ in range(steps):
             waiting.append(policy(observation[None])[0].clip(low, high))
+            env.policy_action = waiting[-1]  # observed at once, also where it acts later
             observation, reward, fell, _, info = env.step(waiting.pop(0))
             earned += reward
             if fell:

@@ -98,11 +98,7 @@ class Disturbance:
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """Return the disturbance of a text such as ``push:0.5``.
-
-    Raises:
-        PerdureError: If the text names none, or the level is out of range.
-    """
+    """Return the disturbance of a text such as ``push:0.5``; PerdureError if it names none, or no level in range."""
     name, _, level = text.strip().partition(":")
     try:
         number = float(level)
@@ -140,7 +136,8 @@ class Disturber:
 
     Call `begin` where an episode begins, `act` before each step, and `observe` for each observation. `box` is the
     lowest and the highest action, each of shape (action_size,), None where actions are not a box; the models of
-    `environments`, of Gymnasium's MuJoCo and one for each lane, are changed.
+    `environments`, of Gymnasium's MuJoCo and one for each lane, are changed. An environment that observes the last
+    action has the attribute `policy_action`: it gets the policy's own there, since a robot knows no other.
 
     Raises:
         PerdureError: If a disturbance cannot be applied here.
@@ -163,6 +160,7 @@ class Disturber:
         for kind in {"action_noise", "action_delay", "lag"} & self._of.keys():
             if box is None or not np.isfinite(box).all():
                 raise PerdureError(f"{kind} needs actions in a finite box, those of {name} are not")
+        self._told = [each.unwrapped for each in environments if hasattr(each.unwrapped, "policy_action")]
         lanes, (self._low, self._high) = len(self.seeds), (np.zeros(0), np.zeros(0)) if box is None else box
         if "observation_noise" in self._of and observation_std is None:
             raise PerdureError("observation_noise needs the spread of the observations in training: observation_std")
@@ -190,6 +188,8 @@ class Disturber:
             lanes: Lane numbers, shape (n,).
             elapsed: Steps before this one, shape (n,).
         """
+        for lane, own in zip(lanes, actions, strict=True) if self._told else ():
+            self._told[lane].policy_action = own.clip(self._low, self._high)
         if "action_noise" in self._of:
             actions = np.minimum(np.maximum(actions, self._low), self._high)
             actions += self._draw("action_noise", lanes, elapsed)
@@ -291,13 +291,9 @@ def change_model(model: Any, levels: Mapping[str, float]) -> None:
 
 
 def horizontal_velocities(model: Any) -> IntArray:
-    """Return the numbers in `qvel` of the root's velocities along x and y.
+    """Return the numbers in `qvel` of the velocities of a model's root, its first body, along x and y.
 
-    Args:
-        model: MuJoCo's model; its root is the first body. Planar robots have one such velocity.
-
-    Raises:
-        PerdureError: If the root does not move.
+    Planar robots have one. PerdureError if the root does not move.
     """
     import mujoco
 

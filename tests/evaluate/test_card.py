@@ -54,6 +54,16 @@ def test_it_lies_beside_the_policy_and_has_what_hugging_face_reads(made):
     assert model["results"][0]["dataset"] == {"name": "Hopper-v3", "type": "Hopper-v3"}
 
 
+def test_it_names_the_module_of_a_task_of_ones_own(made, tmp_path):
+    policy = load_policy(made[0])
+    for task, words in {"Hopper-v3": "policy.safetensors`", "gymnasium:my_tasks:A-v0": "--modules my_tasks`"}.items():
+        file = save_policy(replace(policy, task=replace(policy.task, name=task)), tmp_path / "policy.safetensors")
+        notes = {"sha256 of true, training seed 2": hashlib.sha256(file.read_bytes()).hexdigest()}
+        write_table(tmp_path / "episodes.parquet", read_table(made[1].path)[0], notes)
+        card = write_card(file, tmp_path / "episodes.parquet", tmp_path / task / "card.md")
+        assert f"{words} evaluates it again" in card.read_text()
+
+
 @pytest.mark.parametrize(("command", "shown"), [("", False), ("perdure train Hopper-v3", True)])
 def test_a_training_command_is_shown_where_there_is_one(made, tmp_path, command, shown):
     policy = load_policy(made[0])

@@ -127,6 +127,10 @@ class TestDetails:
         records = evaluate_episodes([policy], episodes, world=world_of(scripts))
         # The range is [-1, 1]; half of it further out is 2, reached at step 200.
         assert records.end_detail == ["observation[1] left its training range at step 210", ""]
+        world = world_of(scripts)
+        world.spec = dataclasses.replace(world.spec, observation_names=("a", "pitch", "c"))
+        named, _ = evaluate_episodes([policy], episodes, world=world).end_detail
+        assert named == "observation[1] (pitch) left its training range at step 210"
 
     def test_without_reference_episodes_nothing_is_said(self):
         assert evaluate([Script(place=lambda step: 0.01 * step)], 500).end_detail == [""]

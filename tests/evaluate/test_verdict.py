@@ -256,13 +256,13 @@ def test_where_every_step_pays_the_same_only_survival_is_judged(lengths, state):
     assert not make_score_scale(odd, Idle(1.0, 1.0), math.nan).survival
 
 
-def scale_of(rates, zero=0.0, random=0.0, task=math.nan, horizon=100):
+def scale_of(rates, zero=0.0, random=0.0, task=math.nan, horizon=100, contract=False):
     """The score scale of a policy with one reference episode for each reward rate."""
     bins = np.repeat(np.array(rates, dtype=float)[:, None] * 10.0, horizon // 10, axis=1)
     count = len(rates)
     ended, box = np.zeros(count, bool), np.ones(1)
     reference = Reference(horizon, bins, np.full(count, horizon), ended, -box, box)
-    return make_score_scale(reference, Idle(zero, random), task)
+    return make_score_scale(reference, Idle(zero, random), task, contract)
 
 
 @pytest.mark.parametrize(
@@ -287,6 +287,19 @@ def test_where_only_survival_is_judged_half_of_the_horizon_is_enough(share, stat
     box = np.ones(1)
     reference = Reference(1000, bins, lengths, lengths < 1000, -box, box)
     assert make_score_scale(reference, Idle(1.0, 1.0), math.nan).policy_state == state
+
+
+@pytest.mark.parametrize(("rate", "state"), [(0.915, "worked"), (0.87, "never worked")])
+def test_a_robot_that_walks_slowly_need_not_gain_more_than_there_is(rate, state):
+    """Go2 at 0.2 m/s: an idle robot earns 0.84 of at most 1, a random one 0.07."""
+    assert scale_of([rate] * 3, zero=0.84, random=0.07, contract=True).policy_state == state
+    assert scale_of([rate] * 3, zero=0.84, random=0.07).policy_state == "never worked"
+
+
+def test_a_robot_that_is_told_to_stand_is_judged_by_survival():
+    scale = scale_of([0.97, 0.98, 0.99], zero=0.99, random=0.1, contract=True)
+    assert (scale.policy_state, scale.survival, scale.score(np.array(0.98)) > 0.75) == ("worked", True, True)
+    assert not scale_of([0.97, 0.98, 0.99], zero=0.94, random=0.1, contract=True).survival
 
 
 def test_a_task_that_pays_nothing_is_not_judged_by_survival():

@@ -181,7 +181,7 @@ class TestWhatItSays:
 
     def test_where_every_step_pays_the_same_no_score_is_named(self, synthetic):
         text = summary_text(synthetic([{"rate": 1.0, "idle_rate": 1.0}]))
-        assert "every step pays the same, so only survival is judged." in text
+        assert "an idle robot earns as much, so only survival is judged." in text
         assert "score against its own training" not in text
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):
@@ -551,6 +551,12 @@ def test_the_page_names_the_policy_file_to_watch_and_how_it_failed(synthetic, tm
     page = write_report(why, tmp_path, "x", ()).read_text()
     assert "watch POLICY --until-failure --steps 100000 --clock constant:500 --out failure.mp4" in page
     assert "Not applied: standard-1, because it is discrete." in page
+    robot = half_fall(synthetic).with_columns(task=pl.lit("my robot.yaml"))
+    page = write_report(robot, tmp_path, "perdure extrapolate a.onnx", ()).read_text()
+    assert "watch POLICY --until-failure --env &#39;my robot.yaml&#39; --steps" in page
+    assert "watch POLICY --until-failure --steps" in write_report(robot, tmp_path, "x", ()).read_text()
+    own = half_fall(synthetic).with_columns(task=pl.lit("gymnasium:my_tasks:Corridor-v0"))
+    assert "--until-failure --modules my_tasks --steps" in write_report(own, tmp_path, "x", ()).read_text()
     (tmp_path / "imported").mkdir()
     (model := tmp_path / "imported" / "a.safetensors").touch()
     assert f"perdure watch {model} --until" in write_report(half_fall(synthetic), tmp_path, "x", ()).read_text()

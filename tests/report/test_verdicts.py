@@ -118,6 +118,14 @@ class TestNext:
         assert (sentence, where.split("#")[1]) == wording.NEXT[kind]
 
 
+def test_robots_of_contracts_have_no_time_limit(synthetic):
+    table = synthetic([{"clock": "none", "ends": [3] * 8}])
+    (verdict,) = (item.verdict for item in groups(table))
+    (walking,) = (item.verdict for item in groups(table.with_columns(heading_error=1.0)))
+    assert ("time limit" in verdict.sentence, "time limit" in walking.sentence) == (True, False)
+    assert (verdict.kind, walking.kind) == ("ends at one step", "falls in training")
+
+
 def test_a_policy_that_falls_in_training_has_no_score_against_a_published_one(synthetic):
     """Its reward per step lasts for 218 steps only."""
     columns = summary_text(synthetic([{"rate": 5.2, "ends": [218] * 8, "training_falls": 1.0}])).splitlines()[-2:]

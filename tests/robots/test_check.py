@@ -2,6 +2,7 @@
 
 from itertools import product
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -116,6 +117,27 @@ def test_what_is_unusual_is_named(ant):
     fewer = {name: tuple(contract.values(name)[:7]) for name in VALUES if getattr(contract, name)}
     lines, _ = check(replace(contract, joints=contract.joints[:7], **fewer), None)
     assert any(line.endswith("no controller holds these joints of the model: ankle_4") for line in lines)
+
+
+def test_a_driven_joint_without_rotor_inertia_is_named(ant):
+    """As in mjlab's Go1, whose armature is not in its MJCF: explicit damping then diverges."""
+    (line, unstable), (usual, *_) = check(replace(ant, armature=(0.0,) * 8), None)[0][1:3], check(ant, None)[0]
+    assert line == f"warning: no rotor inertia: {', '.join(ant.joints)} (armature)"
+    assert unstable.startswith("warning: hip_1: damping 60 is unstable in steps of 10 ms")
+    assert "inertia" not in usual
+    model = VelocityCommandEnv(replace(ant, armature=(0.0,) * 8))
+    model.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert not any("unstable" in each for each in module._unusual(model))
+
+
+@pytest.mark.parametrize(("score", "passes"), [(0.5, True), (0.42, False)])
+def test_a_policy_must_walk_better_than_without_actions(ant, monkeypatch, score, passes):
+    scores = iter([score, 0.4])
+    monkeypatch.setattr(module, "_walks", lambda contract, policy: ([next(scores)] * 3, 0))
+    monkeypatch.setattr(module, "changes", lambda contract: [])
+    lines, passed = check(ant, act)
+    assert passed == passes
+    assert lines[-1].endswith("without actions 0.40; falls in 0 of 3 walks")
 
 
 def test_a_policy_with_a_memory_gets_its_state_back(ant, short, monkeypatch):

@@ -66,7 +66,11 @@ TERMS = (Term("command_lin_vel", (0.1, 0.2), history=2), Term("command_ang_vel",
     ],
 )
 def test_layouts_of_the_history(ant, order, layout, third):
-    first = read(replace(ant, observations=TERMS, history_order=order, history_layout=layout), 3)
+    contract = replace(ant, observations=TERMS, history_order=order, history_layout=layout)
+    first = read(contract, 3)
+    x, y, turn = "command_lin_vel[0]", "command_lin_vel[1]", "command_ang_vel[0]"
+    named = {2: x, 3: x, 8: y, 12: y, 60: turn, 65: turn}
+    assert Observer(contract).names == [named[value] for value in third]
     assert first[2] == pytest.approx(third)
     assert sorted(first[0]) == pytest.approx([1, 1, 4, 4, 30, 30])  # the first step fills it
 

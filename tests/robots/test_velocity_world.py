@@ -13,8 +13,10 @@ from perdure.disturbances import change_model, parse_disturbances
 from perdure.envs import make_world, task_of_environment
 from perdure.envs.disturbances import DisturbedWorld
 from perdure.errors import PerdureError
+from perdure.horizon import Constant, Geometric
 from perdure.robots.contract import Term
 from perdure.robots.world import VelocityCommandEnv, compiled, sources
+from perdure.wrappers import Disturb, TimeToGoObservation
 from tests.robots.conftest import ANT, act
 
 ALL = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command", "joint_pos", "joint_vel", "actions")
@@ -193,6 +195,7 @@ def test_a_contract_is_a_task():
     world = make_world(str(ANT), [0, 1])
     assert (world.spec.name, world.spec.step_seconds) == (str(ANT), pytest.approx(0.05))
     assert world.spec.engine.endswith(mujoco.__version__)
+    assert world.spec.observation_names[3:7] == (*(f"projected_gravity[{k}]" for k in range(3)), "command[0]")
     models = [env.unwrapped.model for env in world.environments]
     assert models[0] is not models[1]  # disturbances change them
     world.close()
@@ -218,6 +221,49 @@ def test_disturbances_change_the_robot():
             disturbed.reset()
     assert set(disturbed.infos[0]) == {"heading_error", "lateral_drift", "velocity_error", "energy_per_meter"}
     disturbed.close()
+
+
+ACTIONS = slice(25, 33)
+"""Of the Ant's observation."""
+
+
+def delayed_walk(observes, steps=40):
+    """Poses of an Ant on which each action acts a step late, by a policy that also uses its last action."""
+    env, last, waiting, poses = VelocityCommandEnv(str(ANT)), np.zeros(8), np.zeros(8), []
+    observation, _ = env.reset(seed=1)
+    for _ in range(steps):
+        own = (act(observation) + 0.5 * last).clip(env.action_space.low, env.action_space.high)
+        observation, *_ = env.step(waiting)
+        last, waiting = own if observes == "own" else waiting, own
+        poses.append(env.data.qpos.copy())
+    return np.array(poses)
+
+
+def test_under_a_delay_a_policy_observes_its_own_action():
+    """As in mjlab, Isaac Lab and on a robot; in a world of several lanes and in a wrapped environment."""
+    world, box = make_world(str(ANT), [0, 1]), VelocityCommandEnv(str(ANT)).action_space
+    disturbed, poses = DisturbedWorld(world, parse_disturbances(["action_delay:1"]), [0, 1]), []
+    wrapped = TimeToGoObservation(Disturb(VelocityCommandEnv(str(ANT)), ["action_delay:1"]), Geometric(5), Constant(9))
+    seen, (alone, _), walked = disturbed.reset(), wrapped.reset(seed=1), []
+    for _ in range(40):
+        seen = disturbed.step((act(seen) + 0.5 * seen[:, ACTIONS]).clip(box.low, box.high)).observations
+        alone, *_ = wrapped.step((act(alone[:-5]) + 0.5 * alone[ACTIONS]).clip(box.low, box.high))
+        poses.append(world.environments[1].unwrapped.data.qpos.copy())
+        walked.append(wrapped.unwrapped.data.qpos.copy())
+    own, applied = delayed_walk("own"), delayed_walk("applied")
+    assert np.array_equal(poses, own)
+    assert np.array_equal(walked, own)
+    assert np.abs(own - applied).max() > 0.01
+    world.close()
+
+
+@pytest.mark.parametrize("text", ["action_noise:0.2", "lag:0.6"])
+def test_under_noise_and_lag_too(text):
+    env, action = Disturb(VelocityCommandEnv(str(ANT)), [text], 0), np.linspace(-0.5, 0.5, 8)
+    env.reset(seed=0)
+    assert (env.step(action)[0][ACTIONS] == action).all()
+    assert not np.isclose(env.unwrapped.data.ctrl, env.unwrapped.contract.values("default_pose") + 0.3 * action).any()
+    assert (env.unwrapped.step(0.5 * action)[0][ACTIONS] == 0.5 * action).all()  # undisturbed again
 
 
 def test_the_identity_of_a_robot_covers_contract_and_model(tmp_path):

@@ -484,8 +484,8 @@ def robot(
 ) -> None:
     """Check a robot's contract against its model and its policy, by short walks with common mistakes undone.
 
-    The exit code is 3 if the robot falls, or walks clearly better under another contract: another joint order, gain,
-    scale, order of terms, default pose or decimation.
+    The exit code is 3 if the robot falls, walks no better than without actions, or walks clearly better under another
+    contract: another joint order, gain, scale, order of terms, default pose or decimation.
 
     Args:
         what: What to do with it.

@@ -27,11 +27,7 @@ SIMULATED = {
 
 
 def disturbed_task(task: str, disturbances: Sequence[Disturbance]) -> str:
-    """Return the task to simulate: Gymnasium's copy of EnvPool's where a disturbance needs MuJoCo's state.
-
-    Raises:
-        PerdureError: If there is no such copy.
-    """
+    """Return the task to simulate: Gymnasium's copy of EnvPool's where MuJoCo's state is needed, else PerdureError."""
     needing = [each.label for each in disturbances if each.name in NEED_SIMULATOR]
     if not needing or task.startswith("gymnasium:") or is_contract(task):
         return task
@@ -57,7 +53,6 @@ class DisturbedWorld:
         self._world, self.infos = world, getattr(world, "infos", ())
         self.spec, self.spaces, self.num_lanes = world.spec, world.spaces, world.num_lanes
         self.abandon, self.close = world.abandon, world.close
-        """See `World`."""
         box = None if self.spec.discrete_actions else (self.spec.action_low, self.spec.action_high)
         environments = getattr(world, "environments", ())
         self._disturber = Disturber(self.spec.name, disturbances, seeds, box, observation_std, environments)

@@ -249,6 +249,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
 
     observations, actions = spaces
     low, high, discrete = _action_range(name, actions)
+    names = tuple(getattr(getattr(env, "unwrapped", None), "observation_names", ()))
     try:
         observation_size = gymnasium.spaces.flatdim(observations)
     except (NotImplementedError, ValueError):
@@ -267,6 +268,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
         has_step_limit=limit is not None,
         step_seconds=_step_seconds(env),
         has_goal=isinstance(observations, gymnasium.spaces.Dict) and "desired_goal" in observations.spaces,
+        observation_names=names if len(names) == observation_size else (),
     )
 
 

@@ -288,13 +288,7 @@ def suites() -> Iterator[TaskSuite]:
 
 
 def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> PerdureError:
-    """Return the error that no suite knows a task, with the nearest names that exist.
-
-    Args:
-        task: The name that was asked for.
-        known: Every name that would have been accepted.
-        meant: Names to offer first, however they are spelled.
-    """
+    """Return the error that no suite knows a task, with the nearest names among the `known`, after those `meant`."""
     return PerdureError(
         f"there is no task named {task!r}: `perdure list` shows every task, any Gymnasium environment works as "
         "gymnasium:<id>, and one that your own module registers as gymnasium:<module>:<id>"
@@ -319,15 +313,9 @@ def module_of(task: str) -> str | None:
 
 
 def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
-    """Refuse a task name found in a file if it would import a module that the user has not named.
+    """Raise PerdureError if a task that a file names would import a module that is not `allowed` nor imported yet.
 
-    Args:
-        task: As the file has it.
-        allowed: Modules that the user has named. Those that are imported already need not be.
-        where: Which file, for the message.
-
-    Raises:
-        PerdureError: If the task would import another module.
+    The message begins with `where` the name was found.
     """
     module = module_of(task)
     if module is not None and module not in allowed and module not in sys.modules:

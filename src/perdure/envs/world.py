@@ -51,6 +51,8 @@ class TaskSpec:
     """Seconds of one control step; nan: unknown."""
     has_goal: bool = False
     """Its observation holds a desired goal: an episode may be over because the goal is reached."""
+    observation_names: tuple[str, ...] = ()
+    """Of each component, if the environment says (`unwrapped.observation_names`)."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies of the bounds, so that no caller can move the box of a running world."""
@@ -233,11 +235,7 @@ class TrackedWorld:
         return elapsed
 
     def abandon(self, lanes: IntArray) -> None:
-        """Record that the episodes of these lanes end here.
-
-        Raises:
-            PerdureError: If a lane does not exist or is named twice.
-        """
+        """See `World.abandon`."""
         self._running[self.lanes_to_reset(lanes)] = False
 
     def _why_not(self, stopped: IntArray) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from perdure.envs.suites import module_of
 from perdure.errors import PerdureError
 from perdure.evaluate.verdict import HOLDS_FROM
 from perdure.policy import Policy, load_policy
@@ -65,7 +66,7 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
         f"## Does it hold?\n\n{_verdicts(estimates)}",
         f"## Training\n\n{_training(subject)}",
         f"## Limits\n\n{LIMITS}",
-        f"## How to use it\n\n{_use(file.name)}",
+        f"## How to use it\n\n{_use(file.name, task.name)}",
     ]
     if command := notes.get("command"):
         parts.append(f"## How the verdict was made\n\n```\n{command}\n```")
@@ -197,11 +198,12 @@ def _training(policy: Policy) -> str:
     return "\n".join(f"- {name}: {value}" for name, value in rows.items() if value is not None)
 
 
-def _use(file: str) -> str:
+def _use(file: str, task: str) -> str:
+    modules = f" --modules {module}" if (module := module_of(task)) else ""
     return (
         "```python\nimport numpy as np\nimport perdure\n\n"
         f'policy = perdure.load_policy("{file}")  # nothing in the file is executed\n'
         "observations = np.zeros((1, policy.task.observation_size))\n"
         "actions = policy.act(observations, elapsed=np.zeros(1))\n```\n\n"
-        f"`perdure extrapolate {file}` evaluates it again. `perdure inspect {file}` shows all settings."
+        f"`perdure extrapolate {file}{modules}` evaluates it again. `perdure inspect {file}` shows all settings."
     )

@@ -497,6 +497,7 @@ class _Recorder:
     def _detail(self, episode: int) -> str:
         parts = [self._divergence.signs[episode]] if self._reason[episode] == DIVERGED else []
         if step := int(self._movement.left_step[episode]):
-            component = self._movement.left_component[episode]
-            parts.append(f"observation[{component}] left its training range at step {step:,}")
+            component, names = self._movement.left_component[episode], self._loop.world.spec.observation_names
+            name = f"observation[{component}]" + (f" ({names[component]})" if names else "")
+            parts.append(f"{name} left its training range at step {step:,}")
         return "; ".join(parts)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from perdure.disturbances import Disturbance
 from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, report_success, task_of_environment
 from perdure.envs.disturbances import disturbed_task
+from perdure.envs.suites import is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
 from perdure.evaluate.reference import idle_baseline, with_reference
@@ -182,6 +183,6 @@ def _evaluate_here(
             # The last episode is repeated where a VectorEnv fixes their number.
             frames.append(rows.head(len(rows) // len(group) * len(set(group))))
             finished += specs[0].steps * len(set(group))
-    scale = make_score_scale(policy.reference, idle, published_rate(spec.name))
+    scale = make_score_scale(policy.reference, idle, published_rate(spec.name), is_contract(spec.name))
     not_applied = {each.label: each.not_applied for each in conditions}
     return judge_table(pl.concat(frames).with_columns(task=pl.lit(spec.name)), [scale] * len(episodes), not_applied)

@@ -345,7 +345,7 @@ def _scales(store: Store, files: Sequence[_PolicyFile], versions: Versions) -> l
         if policy.reference is None:
             policy = load_reference(policy, store.get(file.reference_unit(versions).key))
         assert policy.reference is not None
-        scales.append(make_score_scale(policy.reference, idle, published_rate(task)))
+        scales.append(make_score_scale(policy.reference, idle, published_rate(task), is_contract(task)))
     return scales
 
 

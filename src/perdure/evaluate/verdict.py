@@ -41,6 +41,8 @@ LEAST_SCORE = 0.05
 LEAST_GAIN = 0.25
 """A policy has also never worked if its gain over the idle robot is less than this share of the difference between zero
 and random actions. If no published policy is known, this is the only criterion."""
+IDLE_IS_BEST = 0.95
+"""A contract, which pays at most 1 a step, is judged by survival if an idle robot earns more: told to stand."""
 LEAST_SURVIVAL = 0.5
 """Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4
@@ -100,25 +102,28 @@ class ScoreScale:
         return (rate - self.idle_rate) / (self.training_rate - self.idle_rate)
 
 
-def make_score_scale(reference: Reference, idle: Idle, published: float) -> ScoreScale:
+def make_score_scale(reference: Reference, idle: Idle, published: float, contract: bool = False) -> ScoreScale:
     """Compare reference episodes with an idle robot.
 
     Args:
         reference: Episodes within the training horizon.
         idle: What an idle robot earns.
         published: Reward per step of a published policy, or nan.
+        contract: Whether the task is a robot's contract, which pays at most 1 a step: so much can be gained over idle.
     """
     falls = float((reference.terminated & (reference.lengths < reference.horizon)).mean())
-    scale = _rate_scale if not _pays_for_survival(reference, idle) else _survival_scale
-    return replace(scale(reference, idle, published), training_falls=falls)
+    most = 1.0 if contract else math.inf
+    if idle.rate > IDLE_IS_BEST * most or _pays_for_survival(reference, idle):
+        return replace(_survival_scale(reference, idle, published), training_falls=falls)
+    return replace(_rate_scale(reference, idle, published, most), training_falls=falls)
 
 
-def _rate_scale(reference: Reference, idle: Idle, published: float) -> ScoreScale:
+def _rate_scale(reference: Reference, idle: Idle, published: float, most: float) -> ScoreScale:
     """Judge a policy by the reward that it gains over an idle robot."""
     earned, lived, settling = _settled(reference)
     rate = float(earned.sum() / lived.sum())
     gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
-    least = LEAST_GAIN * abs(idle.zero - idle.random)
+    least = LEAST_GAIN * min(abs(idle.zero - idle.random), most - idle.rate)
     if published > idle.rate:
         least = max(least, LEAST_SCORE * (published - idle.rate))
     note = (
@@ -143,7 +148,7 @@ def _survival_scale(reference: Reference, idle: Idle, published: float) -> Score
     """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
     share = float(reference.lengths.mean()) / reference.horizon
     note = (
-        f"every step pays {idle.zero:.3g}, whatever the robot does, so only survival is judged: its episodes last "
+        f"a step pays {idle.zero:.3g} even to an idle robot, so only survival is judged: its episodes last "
         f"{share:.0%} of its training horizon on average ({reference.lengths.size} episodes)"
     )
     worked = share >= LEAST_SURVIVAL

@@ -222,11 +222,7 @@ class RenderEnv:
 
 
 def find_render_env(task: str) -> RenderEnv:
-    """Return the environment that is rendered instead of a task, such as "Hopper-v3" or "gymnasium:Hopper-v5".
-
-    Raises:
-        PerdureError: If there is none.
-    """
+    """Return the environment that is rendered in place of a task such as "Hopper-v3"; PerdureError if there is none."""
     import_module("perdure.envs.copies")  # registers them
     if task.startswith(GYMNASIUM_PREFIX) or is_contract(task):
         return RenderEnv(task.removeprefix(GYMNASIUM_PREFIX))
@@ -248,9 +244,8 @@ class Judge:
         measured = with_reference(replace(policy, reference=None) if isinstance(policy, Policy) else policy, source)
         assert measured.reference is not None
         self.policy, self._source, self._steps = measured, source, steps
-        self.scale: ScoreScale = make_score_scale(
-            measured.reference, idle_baseline(source), published_rate(policy.task.name)
-        )
+        idle, task = idle_baseline(source), policy.task.name
+        self.scale: ScoreScale = make_score_scale(measured.reference, idle, published_rate(task), is_contract(task))
 
     def judge(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> list[JudgedEpisode]:
         """Run one episode from each start state."""

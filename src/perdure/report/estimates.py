@@ -329,7 +329,7 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
         yield from (note for note, _ in notes.most_common(1))
         yield from _behavior(group) if label == "never worked" else ()
     elif label == "holds" and (group["training_rate"] == group["idle_rate"]).all():
-        yield "every step pays the same, so only survival is judged"
+        yield "an idle robot earns as much, so only survival is judged"
     elif label == "holds":
         yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
         if paused := int(episodes["ever_idle"].sum()):

@@ -168,9 +168,10 @@ class Group:
 
     @property
     def one_end(self) -> int | None:
-        """The step at which the environment terminates every episode, if it is the same for eight or more."""
+        """The step at which all of eight or more episodes terminate; None for contracts, which have no time limit."""
         terminated, ends = self["end_reason"] == "terminated", np.unique(self["end_step"])
-        return int(ends[0]) if terminated.all() and len(ends) == 1 and self.episodes >= 8 else None
+        found = terminated.all() and len(ends) == 1 and self.episodes >= 8 and not medians(self)
+        return int(ends[0]) if found else None
 
     @cached_property
     def failed(self) -> BoolArray:

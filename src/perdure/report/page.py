@@ -49,9 +49,6 @@ if TYPE_CHECKING:
 
 # Parts of a page
 
-UNSURE = ("cannot tell",)
-"""Verdicts in amber; `GOOD` ones are green, all others red."""
-
 
 @cache
 def _template() -> Template:
@@ -60,7 +57,7 @@ def _template() -> Template:
 
     environment = Environment(autoescape=True, loader=FileSystemLoader(Path(__file__).parent))
     environment.filters["json"] = lambda value: Markup(script_json(value))
-    environment.filters["tone"] = lambda each: "good" if each in GOOD else "unsure" if each in UNSURE else "bad"
+    environment.filters["tone"] = lambda each: "good" if each in GOOD else "unsure" if each == "cannot tell" else "bad"
     return environment.get_template("page.html")
 
 
@@ -174,9 +171,8 @@ def write_report(
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
         verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
-        parts += [
-            header(task, sentence, list(_beside_verdicts(estimates)), verdicts, _advice(estimates, folder, notes))
-        ]
+        after = _advice(estimates, folder, command, notes)
+        parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
         parts += [figures(top), *shown, *_tables(estimates), figures(others)]
     made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
@@ -224,7 +220,9 @@ def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
-def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str] | None) -> list[tuple[str, str]]:
+def _advice(
+    estimates: Sequence[Estimate], folder: Path, command: str, notes: Mapping[str, str] | None
+) -> list[tuple[str, str]]:
     """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
     files = list((folder / IMPORTED).glob("*.safetensors"))
     parts: dict[str, list[Verdict]] = {}
@@ -233,11 +231,14 @@ def _advice(estimates: Sequence[Estimate], folder: Path, notes: Mapping[str, str
     found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
     sentences, of_files = list(found)[:MOST_NAMED], notes is None or any(name.startswith(FILE_NOTE) for name in notes)
     if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
-        clock, first = group.clock_flag, int(group["eval_seed"][group.failed].min())
+        _, _, module = group.task.rpartition(":")[0].partition(":")
         left_out = group["not_applied"][0].split(", ")
         met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
         disturb = " ".join(met) if any(left_out) else group.disturbance
-        options = {"steps": group.test_horizon, "first-eval-seed": first, "clock": clock, "disturb": disturb}
+        clock, first = group.clock_flag, int(group["eval_seed"][group.failed].min())
+        env = shlex.quote(group.task) if ".onnx" in command and not files else ""  # other files name their own
+        options = {"env": env, "modules": shlex.quote(module) if module else "", "steps": group.test_horizon}
+        options |= {"first-eval-seed": first, "clock": clock, "disturb": disturb}
         flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM, ""))
         watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
         sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
@@ -254,9 +255,7 @@ def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield table("Policies, clocks and conditions", headings, cells, f"Intervals over {over}.{left_out}")
     episodes = sum(item.group.episodes for item in estimates)
     rows = [row for item in estimates for row in _episode_rows(item)][:MOST_EPISODES]
-    left = (
-        f"The first {len(rows):,} of {episodes:,}; the table episodes.parquet has all." if len(rows) < episodes else ""
-    )
+    left = f"The first {len(rows):,} of {episodes:,}; episodes.parquet has all." if len(rows) < episodes else ""
     yield table(wording.count(episodes, "episode").capitalize(), _EPISODE, rows, left, episodes > MOST_SHOWN)
     if runs := list(_run_rows(estimates)):
         note = (
@@ -266,9 +265,7 @@ def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
         headings = ("policy", "clock", "training seed", "episodes", "return", "verdict", END_SCORE, "episodes that")
         yield table("Training runs", headings, runs, note)
     if clocks := list(_clock_rows(estimates, np.random.default_rng(SEED))):
-        note = (
-            "Differences of the final return between episodes from the same start state, averaged within training runs."
-        )
+        note = "Differences of the final return from the same start states, averaged within training runs."
         columns = ("policy", "clock", "against", "difference of the return", "95 % interval", "better in")
         yield table("Clocks compared", (*columns, "intervals over"), clocks, note)
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, product
 from typing import Any
 
+import mujoco
 import numpy as np
 from msgspec.structs import replace
 
@@ -27,6 +28,7 @@ BETTER, PROMISING = 0.03, 0.01  # least differences in score that count, after a
 FACTORS = (0.5, 0.7, 1.4, 2.0)
 SCALES = (0.05, 0.25, 1.0, 2.0, 4.0)
 OFFSET = 0.3  # of the default pose [rad]
+UNSTABLE = 2.0  # damping x time step / inertia, integrated explicitly
 SIDES = {*["l", "r", "fl", "fr", "rl", "rr", "lf", "rf", "lh", "rh", "hl", "hr", "left", "right", "joint"]}
 """Words of a joint's name that do not say which kind of joint it is."""
 
@@ -35,7 +37,8 @@ def check(contract: Contract, policy: Act | None) -> tuple[list[str], bool]:
     """Check a contract against its model and, if there is one, against its policy.
 
     Returns:
-        (what was found, a line each; whether the robot walks without a fall and no change walks clearly better).
+        (what was found, a line each; whether the robot walks without a fall, clearly better than without actions, and
+        no change walks clearly better).
     """
     env, size, joints = VelocityCommandEnv(contract), contract.observation_size, len(contract.joints)
     steps = f"{contract.decimation} x {1e3 * env.model.opt.timestep:g} ms"
@@ -51,17 +54,17 @@ def check(contract: Contract, policy: Act | None) -> tuple[list[str], bool]:
     if made != joints:
         return [*lines, f"the policy acts on {made} joints, the contract names {joints}"], False
     scores, falls = _walks(contract, policy)
-    standing, _ = _walks(contract, lambda _: np.zeros((1, joints)))
+    standing = float(np.mean(_walks(contract, lambda _: np.zeros((1, joints)))[0]))
     score, walks = float(np.mean(scores)), zip(COMMANDS, scores, strict=True)
     shown = ", ".join(f"{name} {each:.2f}" for name, each in walks)
-    lines.append(f"score {score:.2f} ({shown}); without actions {np.mean(standing):.2f}; falls in {falls} of 3 walks")
+    lines.append(f"score {score:.2f} ({shown}); without actions {standing:.2f}; falls in {falls} of 3 walks")
     first, better = _walk(contract, policy, "forward", FIRST_SECONDS)[0], list[tuple[float, str]]()
     for change, other in changes(contract):
         if _walk(other, policy, "forward", FIRST_SECONDS)[0] > first + PROMISING:
             better.append((float(np.mean(_walks(other, policy)[0])), change))
     better = sorted((each for each in better if each[0] > score + BETTER), reverse=True)
     lines += [f"walks better ({each:.2f}): {change}" for each, change in better[:5]]
-    return lines, not falls and not better
+    return lines, not falls and not better and score > standing + BETTER
 
 
 def _walks(contract: Contract, policy: Act) -> tuple[list[float], int]:
@@ -102,7 +105,15 @@ def _unusual(env: VelocityCommandEnv) -> Iterator[str]:
         yield f"default pose of {names[k]}, {pose[k]:g}, is outside {low[k]:g} to {high[k]:g}"
     if free := [name for name, limit in zip(names, model.actuator_forcelimited, strict=True) if not limit]:
         yield f"no torque limit: {', '.join(free[:8])} (effort_limit)"
-    passive = model.dof_damping[model.jnt_dofadr[joints]]
+    numbers = model.jnt_dofadr[joints]
+    if bare := [name for name, armature in zip(names, model.dof_armature[numbers], strict=True) if not armature]:
+        yield f"no rotor inertia: {', '.join(bare[:8])} (armature)"
+    slowing = damping * model.opt.timestep * model.dof_invweight0[numbers]  # share of its speed that a step takes away
+    explicit = model.opt.integrator in (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4)
+    for k in np.flatnonzero(explicit & (slowing > UNSTABLE))[:1]:
+        small = f"damping {damping[k]:g} is unstable in steps of {1e3 * model.opt.timestep:g} ms"
+        yield f"{names[k]}: {small} with so little inertia (armature; integrator of the model)"
+    passive = model.dof_damping[numbers]
     for k in np.flatnonzero(passive > 0.5 * damping)[:1]:
         beside = f"the model damps {names[k]} by {passive[k]:g} beside the controller's {damping[k]:g}"
         yield f"{beside}: right only if training did too (joint_damping)"

@@ -194,6 +194,9 @@ class Observer:
         ]
         by_step = contract.history_layout == "by step"
         self._order = np.hstack(parts if by_step else [part.ravel() for part in parts]).ravel()
+        columns = [f"{term.name}[{k}]" for term, width in zip(terms, widths, strict=True) for k in range(width)]
+        self.names = [columns[place % len(columns)] for place in self._order]
+        """Of each component of an observation."""
 
     def begin(self) -> None:
         """Begin an episode: its first step fills the history."""
@@ -259,6 +262,9 @@ class Walk:
 class VelocityCommandEnv(MujocoEnv):
     """See the module. `unwrapped` has MuJoCo's `model` and `data`, so that disturbances of perdure work on it."""
 
+    policy_action: FloatArray | None = None
+    """What `actions` observes of the next step, if not the action that acts there; set before the step."""
+
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012
 
     def __init__(self, robot: str | Path | Contract, render_mode: str | None = None, **options: Any) -> None:
@@ -279,6 +285,7 @@ class VelocityCommandEnv(MujocoEnv):
         self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
         self._cosine = math.cos(math.radians(contract.fall_tilt))
         self._schedule, self._observer = Schedule(contract), Observer(contract)
+        self.observation_names = self._observer.names
         self._phased = any(term.name in ("sin_phase", "cos_phase") for term in contract.terms)
         self.init_qpos = self._standing()
 
@@ -317,7 +324,8 @@ class VelocityCommandEnv(MujocoEnv):
         data.ctrl[:] = self._pose + self._scale * action
         mujoco.mj_step(self.model, data, nstep=self.frame_skip)
         self._seconds += dt
-        observation = self._observe(action)
+        observation = self._observe(action if self.policy_action is None else self.policy_action)
+        self.policy_action = None
         vx, vy, turning = self._motion
         linear, angular = (forward - vx) ** 2 + (lateral - vy) ** 2, (rate - turning) ** 2
         reward = math.exp(-linear / LINEAR_VARIANCE - angular / ANGULAR_VARIANCE)
