@@ -115,12 +115,13 @@ def test_degenerate_data_give_an_answer_without_warnings(interval):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         one = interval(Units(np.array([3.0]), "x"), rng())
+        two = interval(Units(np.arange(10.0).reshape(2, 5), "x"), rng())
         same = interval(Units(np.full(5, 3.0), "x"), rng())
         nearly = interval(Units(np.array([0.0, 1, 1, 1, 1, 1, 1, 1, 9]), "x"), rng())
         broken = interval(Units(np.array([1.0, math.nan, 2.0]), "x"), rng())
         endless = interval(Units(np.array([1.0, math.inf, 2.0]), "x"), rng())
     assert one.estimate == same.estimate == same.lower == same.upper == 3.0
-    assert np.isnan(one.lower)
+    assert np.isnan([*two.lower, *two.upper, one.lower]).all()
     assert np.isnan(one.upper)
     assert nearly.lower <= nearly.estimate <= nearly.upper
     assert np.isnan([broken.estimate, broken.lower, endless.estimate, endless.upper]).all()

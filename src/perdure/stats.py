@@ -143,7 +143,7 @@ def bootstrap_interval(
     """
     columns = _columns(units)
     estimate = columns.mean(axis=0)
-    bounds = np.tile(np.nan if units.count < FEWEST_FOR_INTERVAL else estimate, (2, 1))
+    bounds = np.tile(estimate * (np.nan if units.count < FEWEST_FOR_INTERVAL else 1.0), (2, 1))
     varied = np.isfinite(estimate) & (columns != columns[:1]).any(axis=0)
     if varied.any() and units.count >= FEWEST_FOR_INTERVAL:
         from scipy.stats import bootstrap

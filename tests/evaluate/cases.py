@@ -403,7 +403,7 @@ ROBOTS = {
         Robots(
             "at one step",
             "cannot tell",
-            "1 of 4 falls at step 200; the environment truncates every episode at step 300: remove its counter.",
+            "1 of 4 falls at step 200; the environment truncates episodes at step 300: remove its counter.",
             (*several(3, CUT), replace(CUT, ends=200, reason="terminated")),
         ),
         Robots(

@@ -51,7 +51,7 @@ class TestWhatItSays:
     @pytest.mark.parametrize(
         ("state", "outcome", "reason"),
         [
-            ("worked", "cut", "the environment truncates every episode at step 100000: remove its counter"),
+            ("worked", "cut", "the environment truncates episodes at step 100000: remove its counter"),
             ("worked", "unknown", "a final score too close to 75 % to tell"),
             ("cannot tell", "unknown", "within its training horizon it earns more"),
         ],
@@ -121,6 +121,12 @@ class TestWhatItSays:
         means = dict(final.rows())
         assert means[f"constant({first})"] > means[f"constant({other})"]
 
+    def test_two_training_runs_do_not_make_clocks_alike(self, synthetic):
+        falling = {"clock": "constant(100)", "rate": 1.0, "ends": [300] * 8}
+        text = summary_text(synthetic([{"clock": "constant(500)", "rate": 2.0}, falling], train_seeds=(0, 1)))
+        assert "Best clock of geometric on these start states: always 500 steps to go" in text
+        assert "Not distinguishable" not in text
+
     def test_a_clock_that_earns_more_and_holds_a_little_less_is_as_good(self, synthetic):
         """18 of 20 against 17 of 20: one episode apart, whatever the verdicts are called; and twice the return."""
         holding = {"clock": "constant(500)", "rate": 2.0, "ends": [math.inf] * 18 + [5000] * 2}
@@ -141,9 +147,11 @@ class TestWhatItSays:
         assert "4 of 4 episodes" in page
 
     def test_runs_that_agree_have_no_interval_of_width_0(self, synthetic):
-        text = summary_text(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))
-        assert "16 of 16 episodes (the same share in each of 2 training runs)" in text
-        (estimate,) = estimate_table(synthetic([{"rate": 2.0}], train_seeds=(0, 1)))["Hopper-v3"]
+        text = summary_text(synthetic([{"rate": 2.0}], train_seeds=(0, 1, 2)))
+        assert "24 of 24 episodes (the same share in each of 3 training runs)" in text
+        text = summary_text(synthetic([{"rate": 2.0, "ends": [5000] + [math.inf] * 15}], 16, train_seeds=(0, 1)))
+        assert "the same share" not in text, "two runs have no interval, whether they agree or not"
+        (estimate,) = estimate_table(synthetic([{"rate": 2.0}], train_seeds=(0, 1, 2)))["Hopper-v3"]
         assert np.isnan([estimate.verdict.share.lower, estimate.verdict.share.upper]).all(), "null in the summary"
         ends = [math.inf] * 19 + [5000]  # three times 19 of 20: the bounds differ by 5e-16
         text = summary_text(synthetic([{"rate": 2.0, "ends": ends}], episodes=20, train_seeds=(0, 1, 2)))
@@ -181,7 +189,7 @@ class TestWhatItSays:
 
     def test_where_every_step_pays_the_same_no_score_is_named(self, synthetic):
         text = summary_text(synthetic([{"rate": 1.0, "idle_rate": 1.0}]))
-        assert "an idle robot earns as much, so only survival is judged." in text
+        assert "an idle robot earns as much." in text
         assert "score against its own training" not in text
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):

@@ -266,6 +266,16 @@ def test_under_noise_and_lag_too(text):
     assert (env.unwrapped.step(0.5 * action)[0][ACTIONS] == 0.5 * action).all()  # undisturbed again
 
 
+def test_a_wrapper_that_changes_actions_changes_what_is_observed():
+    """Below it the policy's own action would have the wrong unit."""
+    seen = []
+    for text in ("action_noise:0", "push:0"):
+        env = Disturb(gymnasium.wrappers.RescaleAction(VelocityCommandEnv(str(ANT)), -0.01, 0.01), [text], 0)
+        env.reset(seed=0)
+        seen.append(env.step(np.full(8, 0.005, np.float32))[0][ACTIONS] / env.unwrapped.action_space.high)
+    assert np.greater(seen, 0.4).all()
+
+
 def test_the_identity_of_a_robot_covers_contract_and_model(tmp_path):
     text = ANT.read_text()
     other = tmp_path / "other.yaml"

@@ -249,7 +249,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
 
     observations, actions = spaces
     low, high, discrete = _action_range(name, actions)
-    names = tuple(getattr(getattr(env, "unwrapped", None), "observation_names", ()))
+    names = getattr(getattr(env, "unwrapped", None), "observation_names", ())
     try:
         observation_size = gymnasium.spaces.flatdim(observations)
     except (NotImplementedError, ValueError):
@@ -268,7 +268,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
         has_step_limit=limit is not None,
         step_seconds=_step_seconds(env),
         has_goal=isinstance(observations, gymnasium.spaces.Dict) and "desired_goal" in observations.spaces,
-        observation_names=names if len(names) == observation_size else (),
+        observation_names=names if isinstance(names, tuple) and len(names) == observation_size else (),
     )
 
 
@@ -444,7 +444,7 @@ def read_reward(where: str, reward: Any) -> float:
 
 
 def read_flag(where: str, name: str, flag: Any) -> bool:
-    """Return `terminated` or `truncated` as a bool, also of 0 and 1; PerdureError if it is anything else."""
+    """Return `terminated` or `truncated` as a bool; 0 and 1 are accepted. PerdureError if it is anything else."""
     if isinstance(flag, bool | np.bool_):
         return bool(flag)
     value = np.asarray(flag)

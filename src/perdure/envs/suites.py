@@ -313,7 +313,7 @@ def module_of(task: str) -> str | None:
 
 
 def refuse_import(task: str, allowed: Collection[str], where: str) -> None:
-    """Raise PerdureError if a task that a file names would import a module that is not `allowed` nor imported yet.
+    """Raise PerdureError if a task that a file names would import a module neither `allowed` nor imported yet.
 
     The message begins with `where` the name was found.
     """

@@ -278,7 +278,7 @@ def recorded_steps(steps: int) -> NDArray[np.int64]:
 
 
 EVERY, SPAN = 10, 10
-"""Steps between two measurements, as the events of interest last much longer; measurements that movement spans."""
+"""Steps between two measurements, as events last much longer; measurements until movement has a new origin."""
 MARGIN = 0.5
 """A component has left its training range if it is outside by more than this share of the range."""
 
@@ -286,8 +286,8 @@ MARGIN = 0.5
 class MovementRecorder:
     """Mean movement in the first and the last tenth of the test horizon, and training ranges left.
 
-    Movement: mean over components of |o_t - o_s| in training standard deviations, for s renewed every 100 steps. Over
-    single steps it would depend on the control rate.
+    Movement: mean over components of |o_t - o_s| in training standard deviations, s being the start of each 100 steps.
+    Over single steps it would depend on the control rate.
     """
 
     def __init__(self, policies: list[PolicyLike], steps: int) -> None:

@@ -40,11 +40,11 @@ LEAST_SCORE = 0.05
 """A policy whose score against a published policy, if one is known, is lower has never worked."""
 LEAST_GAIN = 0.25
 """A policy has also never worked if its gain over the idle robot is less than this share of the difference between zero
-and random actions. If no published policy is known, this is the only criterion."""
+and random actions (a contract: or of what is left to gain). If no published policy is known, nothing else counts."""
 IDLE_IS_BEST = 0.95
 """A contract, which pays at most 1 a step, is judged by survival if an idle robot earns more: told to stand."""
 LEAST_SURVIVAL = 0.5
-"""Where every step pays the same, a policy has never worked if its episodes end before this share of the horizon."""
+"""Where survival is judged, a policy has never worked if its episodes end before this share of the horizon."""
 FEWEST_WINDOWS = 4
 """An evaluation must hold as many windows after settling, or none of it can be judged."""
 _DRAWS = 400
@@ -87,7 +87,7 @@ class ScoreScale:
     policy_note: str
     """The evidence in a sentence."""
     survival: bool = False
-    """The task pays the same for every step, whatever the robot does: only how long it lasts can be judged."""
+    """An idle robot earns as much, so the policy has worked if it lasts."""
     settling: int = 0
     """Steps at the start of an episode that the reference leaves out; 0 where it leaves out none."""
     training_falls: float = math.nan
@@ -148,7 +148,7 @@ def _survival_scale(reference: Reference, idle: Idle, published: float) -> Score
     """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
     share = float(reference.lengths.mean()) / reference.horizon
     note = (
-        f"a step pays {idle.zero:.3g} even to an idle robot, so only survival is judged: its episodes last "
+        f"a step pays {idle.zero:.3g} even to an idle robot, so its training is judged by survival: it lasts "
         f"{share:.0%} of its training horizon on average ({reference.lengths.size} episodes)"
     )
     worked = share >= LEAST_SURVIVAL

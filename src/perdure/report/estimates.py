@@ -52,7 +52,7 @@ MOST_POINTS = 80
 HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
 MOTIONLESS = 0.04
-"""Movement (see `MovementRecorder`) below which a robot is called nearly motionless; under standard-1 it is 0.025."""
+"""Movement (see `MovementRecorder`) below which a robot is called nearly motionless."""
 FAILURES = (*EPISODE_FAILURES, MISSES, "never worked", "cannot tell")
 """Verdicts other than `GOOD`; of two equally common ones, the earlier is taken."""
 ENDS = ("falls", "diverges")
@@ -180,7 +180,7 @@ class Verdict:
         group = self.group
         if self.label in ENDS and group.one_end is not None:
             return "ends at one step"
-        if self.label == "cannot tell" and "cut" in group["outcome"]:
+        if self.label == "cannot tell" and (group["outcome"] == "cut").mean() > 0.5:
             return "cut"
         other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= 0.5).all()
         short = self.label in ENDS and (group.falls_in_training or (self.within and not other_clock))
@@ -221,7 +221,7 @@ class Verdict:
         low, high = float(self.share.lower), float(self.share.upper)
         if self.label == "holds" and low < high and not self.group.runs_alike:
             counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        elif self.label == "holds" and self.share.method != EXACT and not low < high:
+        elif self.label == "holds" and self.share.method != EXACT and self.share.count > 2 and not low < high:
             counted += f" (the same share in each of {self.share.count} training runs)"
         return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
 
@@ -329,7 +329,7 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
         yield from (note for note, _ in notes.most_common(1))
         yield from _behavior(group) if label == "never worked" else ()
     elif label == "holds" and (group["training_rate"] == group["idle_rate"]).all():
-        yield "an idle robot earns as much, so only survival is judged"
+        yield "an idle robot earns as much"
     elif label == "holds":
         yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
         if paused := int(episodes["ever_idle"].sum()):
@@ -471,6 +471,6 @@ def _as_good(group: Group, best: Group, rng: np.random.Generator) -> bool:
     mine, its = group.paired(best)
     measures = [[np.isin(each.verdicts, GOOD).astype(np.float64), each.returns[:, -1]] for each in (group, best)]
     for values, others in zip(*measures, strict=True):
-        if float(mean_interval(values[mine] - others[its], group.runs[mine], rng).upper) < 0.0:
-            return False
+        if not float(mean_interval(values[mine] - others[its], group.runs[mine], rng).upper) >= 0.0:
+            return False  # also where there are too few runs to say
     return True

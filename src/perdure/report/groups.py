@@ -62,10 +62,10 @@ VERDICT = (
 """Outcome of an episode as reports show it, from a table. A task that ends episodes at the goal judges no rewards."""
 _JUDGED = pl.col("settling") + 5 * pl.col("window")
 """Steps with which an episode is judged in any case: four windows after settling, and one for rounding."""
-_CUT = pl.col("outcome") == "cut"
+_CUT, _END = pl.col("outcome") == "cut", pl.col("end_step")
 _NOTE = (
-    pl.when(_CUT & (pl.col("policy_state") != "never worked") & (pl.col("end_step").filter(_CUT).n_unique() == 1))
-    .then(pl.format("the environment truncates every episode at step {}: remove its counter", "end_step"))
+    pl.when(_CUT & (pl.col("policy_state") != "never worked") & (_END.filter(_CUT).min() == _END.max()))
+    .then(pl.format("the environment truncates episodes at step {}: remove its counter", "end_step"))
     .when(pl.col("policy_state") != "worked")
     .then(pl.col("policy_note"))
     .when(_CUT)

@@ -83,7 +83,7 @@ NEXT = {
     "decays": ("Watch the failure. Then compare clocks, or raise gamma.", "fails-silently-or-decays"),
     "misses its goal": ("Watch an episode that misses it. Then train longer.", "misses-its-goal"),
     "never worked": (_INPUTS, "never-worked"),
-    "cut": ("Remove the step counter inside the environment, or what else truncates episodes.", "cannot-tell"),
+    "cut": ("Remove the step counter inside the environment, or whatever else truncates episodes.", "cannot-tell"),
     "cannot tell": ("Run more steps and more start states (--steps, --eval-seeds).", "cannot-tell"),
 }
 """What to do next: the label of a verdict, or a special case of it, to a sentence and its section of `HELP`."""

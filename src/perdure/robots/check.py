@@ -57,14 +57,15 @@ def check(contract: Contract, policy: Act | None) -> tuple[list[str], bool]:
     standing = float(np.mean(_walks(contract, lambda _: np.zeros((1, joints)))[0]))
     score, walks = float(np.mean(scores)), zip(COMMANDS, scores, strict=True)
     shown = ", ".join(f"{name} {each:.2f}" for name, each in walks)
-    lines.append(f"score {score:.2f} ({shown}); without actions {standing:.2f}; falls in {falls} of 3 walks")
+    verdict = "" if score > standing + BETTER else " (no better)"
+    lines.append(f"score {score:.2f} ({shown}); without actions {standing:.2f}{verdict}; falls in {falls} of 3 walks")
     first, better = _walk(contract, policy, "forward", FIRST_SECONDS)[0], list[tuple[float, str]]()
     for change, other in changes(contract):
         if _walk(other, policy, "forward", FIRST_SECONDS)[0] > first + PROMISING:
             better.append((float(np.mean(_walks(other, policy)[0])), change))
     better = sorted((each for each in better if each[0] > score + BETTER), reverse=True)
     lines += [f"walks better ({each:.2f}): {change}" for each, change in better[:5]]
-    return lines, not falls and not better and score > standing + BETTER
+    return lines, not (falls or better or verdict)
 
 
 def _walks(contract: Contract, policy: Act) -> tuple[list[float], int]:

@@ -285,7 +285,7 @@ class VelocityCommandEnv(MujocoEnv):
         self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
         self._cosine = math.cos(math.radians(contract.fall_tilt))
         self._schedule, self._observer = Schedule(contract), Observer(contract)
-        self.observation_names = self._observer.names
+        self.observation_names = tuple(self._observer.names)
         self._phased = any(term.name in ("sin_phase", "cos_phase") for term in contract.terms)
         self.init_qpos = self._standing()
 

@@ -168,5 +168,5 @@ PLANNERS: dict[str, type[Planner]] = {"open": Planner, "closed": ClosedLoop}
 
 def needed_skills(task: HomeTask, planner: PlannerName) -> tuple[str, ...]:
     """Return the skills that a planner may choose; a closed loop also opens the task's containers."""
-    kinds = [each.kind for each in plan_problem(task).containers] if planner == "closed" else []
+    kinds = [each.kind for each in plan_problem(task).containers] if planner != "open" else []
     return tuple(dict.fromkeys([*(step.skill for step in make_plan(task)), *(f"open_{kind}" for kind in kinds)]))

@@ -129,7 +129,7 @@ class Sb3Settings:
 
 
 def read_settings(data: bytes, what: str) -> Sb3Settings:
-    """Return the settings in `data`; PerdureError if it is no JSON, or how to evaluate a policy that is not read."""
+    """Return the settings in `data`; PerdureError if it is no JSON, or of a policy that is not read."""
     try:
         values = json.loads(data)
     except (ValueError, RecursionError):

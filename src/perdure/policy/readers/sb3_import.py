@@ -236,7 +236,7 @@ def _warn_of_normalizer(
     elif file is not None and settings.shows_vecnormalize and not settings.behind_vecnormalize:
         text = f"{what} was not trained behind VecNormalize, as far as it shows, but is given the statistics in {file}"
     elif steps and count and not 2 / 3 < count / steps < 1.5:  # it counts the steps, and one reset of each environment
-        text = f"{what} was trained for {steps:,} steps, {file} for {count:,.0f}: give the file of the same run"
+        text = f"{what} was trained for {steps:,} steps, {file} for {count:,.0f}: were they saved together?"
     if text:
         warnings.warn(PerdureWarning(text), stacklevel=3)
 
@@ -324,7 +324,7 @@ def _statistics(state: dict[Any, Any], what: str) -> Statistics:
 def checked_normalizer(
     mean: NDArray[np.float64], var: NDArray[np.float64], clip: float, epsilon: float, what: str
 ) -> Normalizer:
-    """Return a normalizer; PerdureError if the statistics do not fit together, are not finite or vary negatively."""
+    """Return a normalizer; PerdureError if shapes differ, a number is not finite or a variance is negative."""
     fits = mean.shape == var.shape and np.isfinite(mean).all() and np.isfinite(var).all()
     if not fits or not (var + epsilon > 0).all() or not (clip > 0 and 0 <= epsilon < np.inf):
         raise PerdureError(f"{what} holds statistics that are not finite, negative variances or a clip of 0")
