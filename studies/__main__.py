@@ -27,7 +27,7 @@ class StudyFlags:
     name: tyro.conf.Positional[Literal["horizon", "placement", "disturbance"]]
     """The study."""
     scale: str = "smoke"
-    """Size of the study: smoke (minutes), laptop (a night) or thesis (days)."""
+    """Size of the study: smoke (minutes), laptop (a night) or thesis (hours to days)."""
     out: Path | None = None
     """Folder of the results; by default results/NAME for thesis and runs/NAME-SCALE for the others. Runs are kept in
     its folder runs."""

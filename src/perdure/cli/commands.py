@@ -198,8 +198,9 @@ def extrapolate(
         first_eval_seed: First start state: choose a policy or a clock on some start states, and report on others.
         disturb: none (calm episodes only), standard-1, or what disturbs every episode, all together: action_noise:0.1
             (of half the action range), observation_noise:0.05 (of the spread in training), action_delay:2 (steps),
-            push:0.5 (m/s, every 200 steps), mass:1.2, friction:0.8, strength:0.9 (factors). push:0.2,0.4 tries each
-            level. Without it: calm episodes and standard-1; discrete actions, or a desired_goal observed: calm only.
+            push:0.5 (m/s, every 200 steps), mass:1.2, friction:0.8, strength:0.9, time_step:0.5 (factors), lag:0.3,
+            payload:0.1, slope:3. push:0.2,0.4 tries each level. Without it: calm episodes and standard-1; discrete
+            actions, or a desired_goal observed: calm only.
         success: Entry of the environment's infos that says after every step whether the goal is reached. If left out,
             is_success or success.
         out: Folder for the table and the report. Finished parts of an interrupted evaluation are kept there.
