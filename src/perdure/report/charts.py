@@ -621,12 +621,9 @@ class Figure:
 
 
 def render(figure: Figure, kind: Format = "png") -> bytes:
-    """Return a figure as the bytes of a file: "png", "svg" or "pdf".
+    """Return a figure as the bytes of a file: "png", "svg" or "pdf"; PerdureError for another format.
 
     The same figure gives the same PNG and SVG, byte for byte; a PDF holds the time at which it was made.
-
-    Raises:
-        PerdureError: Another format.
     """
     import vl_convert
 
