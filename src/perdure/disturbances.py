@@ -160,8 +160,8 @@ class Disturber:
         for kind in {"action_noise", "action_delay", "lag"} & self._of.keys():
             if box is None or not np.isfinite(box).all():
                 raise PerdureError(f"{kind} needs actions in a finite box, those of {name} are not")
-        owners = (each.unwrapped for each in environments if each.action_space == each.unwrapped.action_space)
-        self._told = [each for each in owners if hasattr(each, "policy_action")]
+        told = [each for each in environments if hasattr(each.unwrapped, "policy_action")]
+        self._told = [each.unwrapped for each in told if each.action_space == each.unwrapped.action_space]
         lanes, (self._low, self._high) = len(self.seeds), (np.zeros(0), np.zeros(0)) if box is None else box
         if "observation_noise" in self._of and observation_std is None:
             raise PerdureError("observation_noise needs the spread of the observations in training: observation_std")

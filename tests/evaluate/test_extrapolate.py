@@ -336,10 +336,12 @@ def test_one_robot_in_two_engines_is_refused_with_a_way_out(policies, tmp_path):
 
 
 @given(episodes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
-def test_groups_hold_every_episode_once_in_order_even_and_small_enough(episodes, size, parts):
-    every = [EpisodeSpec(0, None, seed) for seed in range(episodes)]
+def test_groups_hold_every_episode_once_even_and_small_enough_each_with_its_share_of_a_policy(episodes, size, parts):
+    every = [EpisodeSpec(2 * seed // episodes, None, seed) for seed in range(episodes)]
     groups = split(every, size, parts)
-    assert [episode for group in groups for episode in group] == every
+    assert sorted((episode for group in groups for episode in group), key=lambda each: each.eval_seed) == every
+    first = [sum(each.policy == 0 for each in group) for group in groups]
+    assert max(first) - min(first) <= 1
     lengths = [len(group) for group in groups]
     assert max(lengths) <= size
     assert max(lengths) - min(lengths) <= 1

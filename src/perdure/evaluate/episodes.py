@@ -250,10 +250,10 @@ class EpisodeSpec:
 
 
 def split(episodes: Sequence[EpisodeSpec], size: int, parts: int) -> list[list[EpisodeSpec]]:
-    """Return groups of at most ``size`` episodes, of even length, as many for each of ``parts`` workers if possible."""
+    """Return groups of at most ``size`` episodes, some of each policy, as many for each of ``parts`` workers if possible."""
     rounds = -(-len(episodes) // (size * parts))
     count = min(rounds * parts, len(episodes))
-    return [list(episodes[len(episodes) * i // count : len(episodes) * (i + 1) // count]) for i in range(count)]
+    return [list(episodes[first::count]) for first in range(count)]
 
 
 PER_DECADE = 10
