@@ -250,7 +250,7 @@ class EpisodeSpec:
 
 
 def split(episodes: Sequence[EpisodeSpec], size: int, parts: int) -> list[list[EpisodeSpec]]:
-    """Return groups of at most ``size`` episodes, of all policies, as many for each of ``parts`` workers if possible."""
+    """Return groups of at most ``size`` episodes of all policies, as many for each of ``parts`` workers if possible."""
     rounds = -(-len(episodes) // (size * parts))
     count = min(rounds * parts, len(episodes))
     return [list(episodes[first::count]) for first in range(count)]
