@@ -211,7 +211,7 @@ class ZipMembers:
             PerdureError: If it is missing, damaged or larger than the limit.
         """
         if (member := self._members.get(name)) is None:
-            raise PerdureError(f"{self._what} has no member {name!r}; it is not a model of Stable-Baselines3")
+            raise PerdureError(f"{self._what} has no member {name!r}: no model of Stable-Baselines3; see {MANUAL}")
         if member.file_size > limit:
             raise PerdureError(
                 f"{self._what}: {name!r} unpacks to {member.file_size:,} bytes; at most {limit:,} are read"
