@@ -116,6 +116,25 @@ def test_a_tilted_base_is_a_fall(ant, tilt, falls):
     assert env.step(np.zeros(8))[2] is falls
 
 
+@pytest.mark.parametrize(
+    ("command", "stiffness", "yaw", "told"),
+    [
+        ((0.5, 0.0, 0.0), 0.5, 0.3, -0.15),
+        ((0.5, 0.0, 0.0), 0.5, -3.0, 1.0),
+        ((0.5, 0.0, 0.2), 0.5, 0.3, 0.2 + 0.5 * (0.2 * 0.05 - 0.3)),
+        ((0.0, 0.0, 0.0), 0.5, 0.3, 0.0),
+        ((0.5, 0.0, 0.0), 0.0, 0.3, 0.0),
+    ],
+)
+def test_a_robot_is_told_to_turn_back_to_its_heading(ant, command, stiffness, yaw, told):
+    terms = Term("command_ang_vel", history=1), Term("command_lin_vel", history=1)
+    env = VelocityCommandEnv(replace(ant, observations=terms, command=command, heading_control_stiffness=stiffness))
+    assert env.reset(seed=0)[0] == pytest.approx([command[2], *command[:2]])
+    env.data.qpos[2:7] = 2.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)  # in the air, so that nothing turns it
+    env.data.qvel[:] = 0.0
+    assert env.step(np.zeros(8))[0] == pytest.approx([told, *command[:2]], abs=1e-3)
+
+
 @pytest.mark.parametrize(("trunk", "falls"), [((), True), (("front_left_leg",), False)])
 def test_the_trunk_on_the_floor_is_a_fall(ant, trunk, falls):
     env = VelocityCommandEnv(replace(ant, trunk=trunk))

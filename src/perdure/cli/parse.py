@@ -42,18 +42,14 @@ NUMBERS = ConstructorRegistry()
 def _whole_numbers(info: Any) -> PrimitiveConstructorSpec[int] | None:
     if info.type is not int:
         return None
-    return PrimitiveConstructorSpec(1, "INT", lambda words: _whole(words[0]), _is_int, lambda number: [str(number)])
+    return PrimitiveConstructorSpec(1, "INT", _whole, lambda n: type(n) is int, lambda n: [str(n)])
 
 
-def _is_int(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _whole(word: str) -> int:
+def _whole(words: list[str]) -> int:
     """Return 100000 for 1e5, and for 100000."""
-    if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", word) and float(word).is_integer():
-        return int(float(word))
-    return int(word)
+    if re.fullmatch(r"\d+(\.\d+)?[eE]\+?\d{1,2}", words[0]) and float(words[0]).is_integer():
+        return int(float(words[0]))
+    return int(words[0])
 
 
 def parse(kind: type[T] | Callable[..., T], args: list[str], command: str) -> T:

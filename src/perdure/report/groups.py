@@ -32,6 +32,7 @@ WALKS = (
     *("turns {} degrees a minute from its commanded heading", "drifts {} m a minute from its commanded path"),
     *("misses its commanded velocity by {} m/s", "its motors work {} J/m"),
 )
+CROOKED = ": it does not walk straight (see heading_control_stiffness)"
 SUCCESSES = [
     pl.when(pl.col(name).is_nan().all().over("task")).then(name).otherwise(pl.col(name).fill_nan(none)).alias(name)
     for name, none in GOALS.items()
@@ -375,8 +376,7 @@ def medians(group: Group) -> dict[str, float]:
 
 def walk_evidence(group: Group) -> Iterator[str]:
     """Yield what is to be said of the walk beside the verdict."""
-    found = medians(group)
-    for name, words in zip(MEASURES, WALKS, strict=True):
-        if name in found:
-            crooked = name == "heading_error" and found[name] > STRAIGHT
-            yield words.format(wording.quantity(found[name])) + (": it does not walk straight" if crooked else "")
+    words = dict(zip(MEASURES, WALKS, strict=True))
+    for name, value in medians(group).items():
+        crooked = name == "heading_error" and value > STRAIGHT
+        yield words[name].format(wording.quantity(value)) + CROOKED * crooked

@@ -312,7 +312,7 @@ class VelocityCommandEnv(MujocoEnv):
         self.set_state(qpos, np.zeros(self.model.nv))  # type: ignore[no-untyped-call]
         self._schedule.begin(self.np_random)
         self._observer.begin()
-        self._walk, self._seconds, self._walking, self._dt = Walk(), 0.0, -1.0, float(self.dt)
+        self._walk, self._seconds, self._walking, self._heading, self._dt = Walk(), 0.0, -1.0, 0.0, float(self.dt)
         self._second = deque[float](maxlen=round(1.0 / self._dt))
         return self._observe(np.zeros(len(self._q)))
 
@@ -324,6 +324,7 @@ class VelocityCommandEnv(MujocoEnv):
         data.ctrl[:] = self._pose + self._scale * action
         mujoco.mj_step(self.model, data, nstep=self.frame_skip)
         self._seconds += dt
+        self._heading += rate * dt
         observation = self._observe(action if self.policy_action is None else self.policy_action)
         self.policy_action = None
         vx, vy, turning = self._motion
@@ -348,6 +349,8 @@ class VelocityCommandEnv(MujocoEnv):
         self._place, self._motion = (x, y, math.atan2(along[1], along[0])), (linear[0], linear[1], turn[2])
         self._upright, command = up[2], self._schedule.at(self._seconds)
         raw[:12] = *linear, *turn, -along[2], -left[2], -up[2], *command
+        correction = contract.heading_control_stiffness * math.remainder(self._heading - self._place[2], math.tau)
+        raw[11] += min(1.0, max(-1.0, correction)) if any(command) else 0.0
         raw[slots["joint_pos"]] = data.qpos.take(self._q) - self._pose
         raw[slots["joint_vel"]] = data.qvel.take(self._v)
         raw[slots["actions"]] = action
@@ -360,6 +363,5 @@ class VelocityCommandEnv(MujocoEnv):
         return self._observer.read()
 
     def _fell(self) -> bool:
-        if self._upright < self._cosine:
-            return True
-        return bool((self._kinds[self.data.contact.geom].sum(axis=1) == TRUNK + FLOOR).any())
+        tilted, touching = self._upright < self._cosine, self._kinds[self.data.contact.geom].sum(axis=1)
+        return tilted or bool((touching == TRUNK + FLOOR).any())
