@@ -66,7 +66,7 @@ def duration(hours: float) -> str:
 
 
 HELP = "https://github.com/perdure/perdure/blob/main/docs/how-to/when-a-policy-fails.md"
-_GAMMA = "Raise gamma to 0.999 (a robot: first perdure robot check). If it then learns too little, add a time-to-go."
+_GAMMA = "Train with gamma 0.999 (a robot: first perdure robot check). If it then learns too little, add a time-to-go."
 _INPUTS = "Check normalizer, time feature, training horizon (a robot: perdure robot check). If right, train longer."
 NEXT = {
     "holds": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),

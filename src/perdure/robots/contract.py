@@ -114,7 +114,7 @@ class Contract(Record, frozen=True, kw_only=True):
     """After so many seconds the script begins again."""
     random: RandomCommands | None = None
     heading_control_stiffness: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
-    """While it moves, a robot is told its yaw rate plus this x its heading error [1/s], which adds 1 rad/s at most."""
+    """A robot that walks and is told no turn is told this [1/s] x its heading error instead, 1 rad/s at most."""
     fall_tilt: Annotated[float, Meta(gt=0.0, le=180.0)] = 70.0
     """[degrees]"""
     trunk: tuple[Name, ...] = ()

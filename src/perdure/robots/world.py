@@ -324,7 +324,6 @@ class VelocityCommandEnv(MujocoEnv):
         data.ctrl[:] = self._pose + self._scale * action
         mujoco.mj_step(self.model, data, nstep=self.frame_skip)
         self._seconds += dt
-        self._heading += rate * dt
         observation = self._observe(action if self.policy_action is None else self.policy_action)
         self.policy_action = None
         vx, vy, turning = self._motion
@@ -349,8 +348,9 @@ class VelocityCommandEnv(MujocoEnv):
         self._place, self._motion = (x, y, math.atan2(along[1], along[0])), (linear[0], linear[1], turn[2])
         self._upright, command = up[2], self._schedule.at(self._seconds)
         raw[:12] = *linear, *turn, -along[2], -left[2], -up[2], *command
+        self._heading = self._place[2] if command[2] or not any(command) else self._heading
         correction = contract.heading_control_stiffness * math.remainder(self._heading - self._place[2], math.tau)
-        raw[11] += min(1.0, max(-1.0, correction)) if any(command) else 0.0
+        raw[11] += min(1.0, max(-1.0, correction))
         raw[slots["joint_pos"]] = data.qpos.take(self._q) - self._pose
         raw[slots["joint_vel"]] = data.qvel.take(self._v)
         raw[slots["actions"]] = action
