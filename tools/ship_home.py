@@ -1,11 +1,11 @@
-"""Score trained home policies, and ship those that are good enough.
+"""Ship trained home policies, and score them.
 
 python tools/ship_home.py RUNS
 
-RUNS is the `--out` of `perdure home train`. Every policy there runs from 400 val starts with clutter. The scores enter
-tools/home_skills.json and the table in docs/home/training.md. A policy that succeeds often enough goes to
-src/perdure/policy/shipped/home, without its critic (acting does not need it) and with weights of 16 bits, as it is
-scored; other seeds of the same name, of an earlier training, go.
+RUNS is the `--out` of `perdure home train`. Every policy there goes to src/perdure/policy/shipped/home, without its
+critic (acting does not need it) and with weights of 16 bits; other seeds of the same name, of an earlier training, go.
+As shipped it runs from 400 val starts with clutter. The scores enter tools/home_skills.json and the table in
+docs/home/training.md.
 """
 
 from __future__ import annotations
@@ -33,9 +33,6 @@ from perdure.runs import file_digest, write_atomic
 HERE = Path(__file__).parent
 SCORES = HERE / "home_skills.json"
 PAGE = HERE.parent / "docs" / "home" / "training.md"
-WORTH_SHIPPING = 0.90
-"""Success of a policy that ships; below it the oracle acts better. One that places ships whatever it reaches:
-how it lets go is what release strategies are compared by."""
 EPISODES = 400
 
 
@@ -74,7 +71,7 @@ def lent(scores: dict[str, dict[str, Any]]) -> None:
         for task, seed in product(others, shipped_seeds(home, skill)):
             name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill)[seed]
             if path.parent.parent.name != task and name not in scores:
-                scores[name] = {"learned_on": home, "shipped": True, **score(load_policy(path), task, skill)}
+                scores[name] = {"learned_on": home, **score(load_policy(path), task, skill)}
 
 
 def main(folder: Path) -> None:
@@ -97,16 +94,11 @@ def main(folder: Path) -> None:
         if steps != get_skill(skill.partition("-")[0]).recipe_on(task).total_steps:
             sys.exit(f"{path} was not trained for the steps of its recipe")
         policy = trained.without_critic().halved()
-        scored = score(policy, task, skill)
         target = SHIPPED / f"{name}.safetensors"
-        ships = skill.startswith("place") or scored["success"] >= WORTH_SHIPPING
-        if ships:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            save_policy(policy, target)
-        else:
-            target.unlink(missing_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        save_policy(policy, target)
         made = {"command": policy.provenance["command"], "steps": steps, **scored_before}
-        scores[name] = {**made, "shipped": ships, **scored}
+        scores[name] = {**made, **score(policy, task, skill)}
         _write(scores)
     lent(scores)
     _write(scores)

@@ -41,7 +41,7 @@ class Row:
     rolling: float
     """Lever arm in [m], from 0 (only drag, as in Habitat) to the default."""
     phase: int
-    train_seeds: int = 1
+    train_seeds: int = 3
     eval_seeds: int = 1
     episodes: int = 100
 
@@ -76,13 +76,14 @@ def _rows(
     planner: PlannerName = "closed",
     split: str = "eval",
     eval_seeds: int = 1,
+    episodes: int = 100,
 ) -> tuple[Row, ...]:
-    each = product(tasks, places, levers)
-    return tuple(Row(task, place, split, planner, lever, phase, eval_seeds=eval_seeds) for task, place, lever in each)
+    each, counts = product(tasks, places, levers), {"eval_seeds": eval_seeds, "episodes": episodes}
+    return tuple(Row(task, place, split, planner, lever, phase, **counts) for task, place, lever in each)
 
 
-def _smaller(rows: Iterable[Row], episodes: int) -> tuple[Row, ...]:
-    return tuple(replace(row, eval_seeds=1, episodes=episodes) for row in rows)
+def _smaller(rows: Iterable[Row], episodes: int, train_seeds: int) -> tuple[Row, ...]:
+    return tuple(replace(row, train_seeds=train_seeds, eval_seeds=1, episodes=episodes) for row in rows)
 
 
 SET_TABLE, SMALL = TASKS[:1], LEVERS[:-1]
@@ -90,15 +91,15 @@ THESIS_ROWS = (
     *_rows(1, TASKS, RELEASES, planner="open", eval_seeds=3),
     *_rows(1, TASKS, RELEASES, eval_seeds=3),
     *_rows(2, TASKS, RELEASES, split="eval-2"),
-    *_rows(3, TASKS, ("rl", "stop", "guarded"), SMALL),
-    *_rows(3, SET_TABLE, TRAINED, LEVERS),
-    *_rows(4, TASKS, ("rl", "ik"), (0.0,), "open", "val"),
+    *_rows(3, TASKS, ("rl", "stop", "guarded"), SMALL, episodes=50),
+    *_rows(3, SET_TABLE, TRAINED, LEVERS, episodes=50),
+    *_rows(4, TASKS, ("rl", "stop", "ik"), (0.0,), "open", "val", episodes=50),
 )
 SMOKE_ROWS = (
     *_rows(1, TASKS[:2], ("rl", "ik"), (0.0,), "open"),
     *_rows(1, SET_TABLE, ("rl", "ik"), (0.0,), "closed", "val"),
 )
-GRIDS = {"smoke": _smaller(SMOKE_ROWS, 2), "laptop": _smaller(THESIS_ROWS, 30), "thesis": THESIS_ROWS}
+GRIDS = {"smoke": _smaller(SMOKE_ROWS, 2, 1), "laptop": _smaller(THESIS_ROWS, 30, 3), "thesis": THESIS_ROWS}
 
 
 def make_grid(scale: str, phases: Sequence[int]) -> tuple[Row, ...]:

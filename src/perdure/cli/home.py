@@ -313,7 +313,7 @@ def run(
             stay for N steps), gentle (release at rest), hand (Cartesian actions), linear and geometric (time-to-go),
             linear-N and geometric-N (always N steps to go). gentle is shipped for set_table.
         episodes: Number of episodes of the split, from its first one.
-        train_seeds: Number of training seeds, from seed 0; each has its own policies. Seed 0 is shipped.
+        train_seeds: Number of training seeds, from seed 0; each has its own policies. Three are shipped.
         eval_seeds: Number of evaluation seeds; each draws the robot's start poses.
         world: The variant of the physics.
         out: Folder of the logs.

@@ -9,7 +9,7 @@ from perdure.errors import PerdureError
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.runs.identity import check_key
 from studies.placement import study
-from studies.placement.grid import GRIDS, Row, make_grid
+from studies.placement.grid import GRIDS, make_grid
 from studies.placement.tables import read_tables
 
 TABLES = Path(__file__).parents[3] / "results" / "placement" / "tables"
@@ -51,8 +51,8 @@ def test_a_phase_without_work_is_refused():
         make_grid("smoke", (6,))
 
 
-@pytest.mark.parametrize(("scale", "episodes"), [("smoke", 2), ("laptop", 30)])
-def test_the_plan_counts_every_episode(tmp_path, scale, episodes):
+@pytest.mark.parametrize(("scale", "seeds", "episodes"), [("smoke", 1, 2), ("laptop", 3, 30)])
+def test_the_plan_counts_every_episode(tmp_path, scale, seeds, episodes):
     planned = study.plan(scale, tuple(study.PHASES), tmp_path / "none")
     assert len({check_key(unit.key) for unit in planned}) == len(planned)
-    assert sum(unit.size for unit in planned) == len(GRIDS[scale]) * episodes * Row.train_seeds
+    assert sum(unit.size for unit in planned) == len(GRIDS[scale]) * episodes * seeds

@@ -6,8 +6,9 @@ planned again in the same PDDL domain. It reads four things that a robot would h
 last skill succeeded. The simulator tells them without error.
 
 A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted.
-Every skill has `ATTEMPTS` attempts with a target, so no recovery goes on for ever; then the target is given up and the
-others are brought. The end of the plan is not the end: whoever asks again later is told what has rolled away since.
+Every skill has `ATTEMPTS` attempts with a target, the last one scripted, so no recovery goes on for ever; then the
+target is given up and the others are brought. The end of the plan is not the end: whoever asks again later is told what
+has rolled away since.
 """
 
 from __future__ import annotations
@@ -85,7 +86,8 @@ class ClosedLoop(Planner):
         toward = acting.skill if first is not acting else None
         if toward is None:
             self._attempts[first.skill, first.target] = attempt
-        scripted = self._failures[SkillStep(acting.skill, acting.target, attempt=0)] >= LEARNED
+        failed = self._failures[SkillStep(acting.skill, acting.target, attempt=0)]
+        scripted = failed >= LEARNED or attempt == ATTEMPTS
         self._last = SkillStep(first.skill, first.target, toward, attempt, scripted), first
         return self._last[0]
 

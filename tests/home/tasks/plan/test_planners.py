@@ -57,7 +57,7 @@ def run(world, planner=None, chance=lambda step: True):
     planner, steps = planner or ClosedLoop(world.episode), []
     succeeded, failed = True, Counter()
     while (step := planner.next(world.facts, succeeded)) is not None:
-        assert step.scripted == (failed[step.toward or step.skill, step.target] >= LEARNED)
+        assert step.scripted == (failed[step.toward or step.skill, step.target] >= LEARNED or step.attempt == ATTEMPTS)
         steps.append(step)
         assert len(steps) <= most_steps(world), "a recovery goes on for ever"
         planner.seen(world.facts, step)
@@ -140,6 +140,20 @@ def test_a_policy_that_did_not_fail_is_not_replaced_by_the_script():
     steps = run(world, chance=lambda step: step.skill != "place" or step.scripted or drop(world, step))
     tries = {skill: [s.scripted for s in steps if (s.skill, s.target) == (skill, 0)] for skill in ("pick", "place")}
     assert tries == {"pick": [False] * (LEARNED + 1), "place": [False] * LEARNED + [True]}
+
+
+def test_no_target_is_given_up_before_the_script_has_tried_it():
+    """Two successful picks are lost by place; the fifth pick, after two failures, is scripted and succeeds."""
+    world, picked = World("tidy_house"), []
+
+    def chance(step):
+        if (step.skill, step.target) == ("pick", 0):
+            picked.append(step.scripted)
+            return len(picked) <= 2 or step.scripted
+        return (step.skill, step.target) != ("place", 0) or len(picked) > 2 or drop(world, step)
+
+    run(world, chance=chance)
+    assert (picked, world.done) == ([False] * 4 + [True], True)
 
 
 def drop(world, step):
