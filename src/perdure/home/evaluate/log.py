@@ -10,6 +10,7 @@ Each class is a part of the file's table: a field with a `Column` is a column of
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Annotated, Literal, get_args
@@ -257,12 +258,12 @@ class EpisodeLog:
         return get_task(self.task)
 
     @cached_property
-    def _event_steps(self) -> IntArray:
-        return np.array([event.step for event in self.events])
+    def _event_steps(self) -> list[int]:
+        return [event.step for event in self.events]
 
     def at(self, step: int) -> Event:
         """Return the state at a step."""
-        return self.events[int(np.searchsorted(self._event_steps, step, side="right")) - 1]
+        return self.events[bisect_right(self._event_steps, step) - 1]
 
     def run_at(self, step: int) -> SkillRun | None:
         """Return the skill that acted at a step, None if none did."""

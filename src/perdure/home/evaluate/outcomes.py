@@ -77,6 +77,7 @@ _OUTSIDE = 1.0
 _once = lru_cache(maxsize=4096)
 
 
+@_once
 def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
     """Return the steps at which a condition may change, and the facts at them.
 
@@ -85,7 +86,7 @@ def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
     edges = [edge for run in log.runs for edge in (run.begin, run.end - 1, run.end)]
     wanted = {event.step for event in log.events} | {0, log.steps - 1, log.steps, log.length - 1, *edges}
     steps = np.array(sorted(step for step in wanted if 0 <= step < log.length))
-    events = [log.at(int(step)) for step in steps]
+    events = [log.at(step) for step in steps.tolist()]
     goals = np.array([target.goal for target in log.targets])
     beside = np.zeros((len(steps), *goals.shape))
     beside[..., 0] = np.where(np.array([event.in_goal for event in events]), 0.0, _OUTSIDE)
