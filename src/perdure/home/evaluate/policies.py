@@ -147,9 +147,8 @@ def choose_policies(
 
     Args:
         task: Name of the task.
-        train_seed: Number of the training seed, from 0: number k takes each skill's shipped policy with the
-            k-th lowest seed, which differs from k where a seed fell below 90 % and is not shipped. `{seed}` in a path
-            stands for it. UNTRAINED where no skill is learned.
+        train_seed: Number of the training seed, from 0, which `{seed}` in a path stands for. UNTRAINED where no skill is
+            learned.
         chosen: Skill to `SkillPolicy.source`; skills that are not named get the shipped policy, or the oracle without
             one.
         release: The release choice, which decides the place policy; the benchmark's when None.
@@ -177,7 +176,7 @@ def choose_policies(
         if named is None:
             policy = release.policy if skill == "place" else skill
             seeds = shipped_seeds(task, policy)
-            path = list(seeds.values())[train_seed] if 0 <= train_seed < len(seeds) else None
+            path = seeds.get(train_seed)
             if path is None and ((seeds and train_seed != UNTRAINED) or policy not in ("place", skill)):
                 variant, home = release.flags if skill == "place" else "", LEARNED_ON.get(skill, task)
                 flags = f"--task {home} {variant}--seeds {train_seed}"
