@@ -56,7 +56,7 @@ CLAIMS = (
 def speed_while_working(frame: pl.DataFrame) -> pl.Series:
     """Return, for each episode of an evaluation table, the reward per step until its last record before the failure.
 
-    nan: it failed before the first record. Rows are in the order of `EvaluationResult.final`.
+    nan: it failed before the first record. Rows are in the order of `ExtrapolationResult.final`.
     """
     before = pl.col("step") <= pl.col("failed_step")
     rate = (pl.col("return") / pl.col("step")).filter(before).sort_by(pl.col("step").filter(before)).last()

@@ -57,8 +57,8 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
         rng = np.random.default_rng(0)  # for each row anew: no interval depends on which others there are
         task, preset, condition, method = map(str, key)
         held = part.group_by("train_seed").agg(pl.col("holds").mean())
-        share = mean_interval(part["left"].to_numpy().astype(float), part["train_seed"].to_numpy(), rng)
-        working = mean_interval(part["works"].to_numpy(), part["train_seed"].to_numpy(), rng)
+        values, runs = part.select(pl.col("left").cast(pl.Float64), "works"), part["train_seed"].to_numpy()
+        share, working = (mean_interval(each.to_numpy(), runs, rng).within(0.0, 1.0) for each in values)
         rows.append(
             {
                 "task": task,
@@ -71,15 +71,15 @@ def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
                 "episodes": len(part),
                 "left": int(part["left"].sum()),
                 "left share": float(share.estimate),
-                "left low": float(np.clip(share.lower, 0, 1)),
-                "left high": float(np.clip(share.upper, 0, 1)),
+                "left low": float(share.lower),
+                "left high": float(share.upper),
                 "median life": median_time(part["end_step"].to_numpy(), ~part["left"].to_numpy()),
                 "working share": float(working.estimate),
-                "working low": float(np.clip(working.lower, 0, 1)),
-                "working high": float(np.clip(working.upper, 0, 1)),
+                "working low": float(working.lower),
+                "working high": float(working.upper),
             }
         )
-    return pl.DataFrame(rows, infer_schema_length=None)
+    return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
 
 
 def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:

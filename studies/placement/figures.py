@@ -37,18 +37,20 @@ def draw_figures(tables: Tables) -> Iterator[Figure]:
 def rolling_figures(tables: Tables) -> Iterator[Figure]:
     """Yield the figure, if there are rows: success on SetTable in the closed loop by rolling resistance."""
     rows = [row for row in success_rows(tables) if (row["task"], row["planner"]) == (TASKS[0], "closed")]
-    curves = []
+    curves, drawn = [], []
     for number, place in enumerate(dict.fromkeys(row["place"] for row in rows)):
         mine = [row for row in rows if row["place"] == place]
         if len(mine) == len(LEVERS):
+            drawn += mine
             mean, lower, upper = (
-                np.array([row[f"stabilizing {name}"] for row in mine]) for name in ("mean", "lower", "upper")
+                np.array([row[f"stabilizing {name}"] for row in mine], dtype=np.float64)
+                for name in ("mean", "lower", "upper")
             )
             x = np.arange(len(LEVERS), dtype=np.float64)
             curves.append(Curve(describe(place), x, mean, style(number), lower, upper, marked=True, intervals="bars"))
     if curves:
-        seeds = wording.sample([row["train_seeds"] for row in rows], "training seed")
-        episodes = wording.sample([row["episodes"] for row in rows], "episode")
+        seeds = wording.sample([row["train_seeds"] for row in drawn], "training seed")
+        episodes = wording.sample([row["episodes"] for row in drawn], "episode")
         names = tuple(f"{1000 * lever:g} mm" for lever in LEVERS)
         yield Figure(
             "rolling",
@@ -59,7 +61,7 @@ def rolling_figures(tables: Tables) -> Iterator[Figure]:
                 Axis("share of episodes whose objects all stay until the end", percent=True),
             ),
             "Closed loop, apartments with an unseen layout. At 0 mm only drag slows a rolling object, as in Habitat; "
-            f"1.2 mm is the default. {seeds}; {episodes}. Bars: 95 % intervals ({rows[0]['method']}).",
+            f"1.2 mm is the default. {seeds}; {episodes}. Bars: 95 % intervals ({drawn[0]['method']}).",
         )
 
 

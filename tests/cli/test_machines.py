@@ -123,6 +123,13 @@ def test_an_environment_that_cannot_be_had_is_named(command, tmp_path, args, nam
     assert named in refused.stderr.splitlines()[-1]
 
 
+def test_a_narrow_terminal_still_lists_tasks(monkeypatch):
+    from perdure.cli import show
+
+    monkeypatch.setenv("COLUMNS", "40")
+    assert "Hopper-v3" in show.tasks()
+
+
 def test_list_tasks_is_short_and_complete_for_one_suite(command, tmp_path):
     from perdure.envs import list_tasks
 

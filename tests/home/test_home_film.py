@@ -21,6 +21,7 @@ from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
+from perdure.home.tasks.tasks import Stage
 from tests.home.limits import shorten
 
 SIZE = (96, 64)
@@ -77,6 +78,16 @@ def test_a_recording_is_the_trajectory_of_the_protocol(monkeypatch):
     for step in range(0, len(frames), 20):  # what is drawn is where the simulation was
         put(scene, frames[step].state)
         np.testing.assert_allclose(scene.gripper, grippers[step], atol=1e-9)
+
+
+def test_a_caption_marks_no_stage_that_only_the_settling_time_reaches(episode, fast, monkeypatch):
+    """The log does not count it either."""
+    monkeypatch.setattr(film, "caption", lambda words, clock, done: done)
+    monkeypatch.setattr(film.Running, "facts", lambda running, world, lane: running.settling)
+    monkeypatch.setattr(Stage, "met", lambda stage, settling: settling > 0)
+    frames, _ = record(episode, agent(), lambda frame: None)
+    assert frames
+    assert not any(reached for frame in frames for _, reached in frame.caption)
 
 
 @pytest.mark.parametrize("name", ["film.mp4", "film.gif", "film.webp"])

@@ -190,7 +190,7 @@ def extrapolate(
             make it; envpool:Hopper-v5 is EnvPool's, which is faster; robot.yaml is the contract of a robot.
         steps: Steps of each calm episode (100,000 by default), or of each under --disturb (10,000). Without --disturb
             36 episodes under standard-1 follow, of 10,000 steps; --disturb none leaves them out.
-        hours: In place of --steps: hours of each episode, by the environment's control rate.
+        hours: In place of --steps: hours of each of those episodes, by the environment's control rate.
         clocks: Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to
             the end), default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of
             100, and countdown).

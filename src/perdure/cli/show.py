@@ -27,6 +27,7 @@ def tasks(suite: str | None = None) -> str:
         rows = [f"  {each}" for each in names]
         if suite is None:
             end = f" ... {len(names)}: perdure list tasks --suite {shlex.quote(name)}"
+            width = max(width, len(end) + 1)
             cut: dict[str, Any] = {"max_lines": MOST_ROWS, "placeholder": end, "break_on_hyphens": False}
             rows = textwrap.wrap("  ".join(names), width, initial_indent="  ", subsequent_indent="  ", **cut)
         lines += [f"{name}:", *rows]

@@ -290,7 +290,7 @@ def suites() -> Iterator[TaskSuite]:
 def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -> PerdureError:
     """Return the error that no suite knows a task, with the nearest names among the `known`, after those `meant`."""
     return PerdureError(
-        f"there is no task named {task!r}: `perdure list` shows every task, any Gymnasium environment works as "
+        f"there is no task named {task!r}: `perdure list tasks` shows them, any Gymnasium environment works as "
         "gymnasium:<id>, and one that your own module registers as gymnasium:<module>:<id>"
         f"{did_you_mean(task, known, 3, meant)}"
     )

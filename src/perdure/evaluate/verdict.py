@@ -148,12 +148,12 @@ def _survival_scale(reference: Reference, idle: Idle, published: float) -> Score
     """Judge a policy by how long it lasts: it worked if its episodes last half of the training horizon on average."""
     share = float(reference.lengths.mean()) / reference.horizon
     note = (
-        f"a step pays {idle.zero:.3g} even to an idle robot, so its training is judged by survival: it lasts "
+        f"a step pays {idle.rate:.3g} even to an idle robot, so its training is judged by survival: it lasts "
         f"{share:.0%} of its training horizon on average ({reference.lengths.size} episodes)"
     )
     worked = share >= LEAST_SURVIVAL
     state: State = "worked" if worked else "never worked"
-    return ScoreScale(idle.zero, idle.zero, published, BIN_STEPS if worked else 0, state, note, survival=True)
+    return ScoreScale(idle.rate, idle.rate, published, BIN_STEPS if worked else 0, state, note, survival=True)
 
 
 def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:

@@ -132,7 +132,7 @@ def record(
     def observe(world: VectorSimulator, running: Mapping[int, Running]) -> None:
         now, step, state = running[0], running[0].current, world.sense(lane)
         facts, stages = now.facts(world, 0), episode.home_task.stages
-        while len(reached) < len(stages) and stages[len(reached)].met(facts):
+        while not now.settling and len(reached) < len(stages) and stages[len(reached)].met(facts):
             reached.append(stages[len(reached)].name)
         words = "the robot waits" if step is None else skill_words(episode, step)
         begun, seconds = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
@@ -182,7 +182,7 @@ def film_episode(
     lookup(CAMERAS, camera, "camera")
     speed = speed if speed is not None else 4.0 if release is None else 1.0
     if not (speed > 0.0 and math.isfinite(speed)):
-        raise PerdureError(f"the speed of a film must be above 0, not {speed}")
+        raise PerdureError(f"the speed of a film must be a number above 0, not {speed}")
     if any(side % 2 for side in size):
         raise PerdureError(f"width and height of a film must be even, not {size[0]} x {size[1]}")
     if release is not None and not 0 <= release < len(episode.goals):
@@ -288,10 +288,11 @@ def serve_episode(
 
 def _player(simulator: Simulator, scene: Any, speed: float, report: Callable[[str], None]) -> Callable[[Frame], None]:
     """Return a function that shows frames in a scene of mjviser at the playback speed."""
-    began, words = time.monotonic(), ""
+    began, words = math.nan, ""
 
     def show(frame: Frame) -> None:
-        nonlocal words
+        nonlocal began, words
+        began = time.monotonic() if math.isnan(began) else began
         put(simulator, frame.state)
         scene.update_from_mjdata(simulator.data)
         if frame.words != words:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from gymnasium.wrappers.utils import RunningMeanStd
 import perdure
 from perdure.errors import PerdureError
 from perdure.policy import Policy, load_policy, save_policy
+from perdure.policy.readers import checkpoints
 
 FIXTURES = Path(__file__).parent / "fixtures"
 MODEL = FIXTURES / "cleanrl.cleanrl_model"
@@ -92,3 +94,10 @@ def test_what_is_no_such_model_is_refused(tmp_path):
     shutil.copy(FIXTURES / "ppo.zip", tmp_path / "sb3.zip")
     with pytest.raises(PerdureError):
         Policy.from_cleanrl(tmp_path / "sb3.zip", "Pendulum-v1", normalizer="none")
+
+
+def test_a_bias_without_a_dimension_is_one_number():
+    """Its length is compared with that of the actions."""
+    arrays = {"a.0.weight": np.zeros((1, 3)), "a.0.bias": np.zeros(())}
+    state = SimpleNamespace(names=list(arrays), array=arrays.__getitem__)
+    assert [each.shape for _, each in checkpoints._layers(state, "policy", "a", MODEL)] == [(3, 1), (1,)]

@@ -55,6 +55,16 @@ def test_left_counts_episodes() -> None:
     assert geometric["working share"] == pytest.approx(0.91)
 
 
+def test_runs_that_agree_have_no_interval() -> None:
+    rows = episodes("ppo@cleanrl", "calm", {run: [STEPS, STEPS] for run in range(3)})
+    (row,) = all_tables(pl.DataFrame(rows))["left"].iter_rows(named=True)
+    assert (row["left share"], row["left low"], row["left high"], row["working low"]) == (1.0, None, None, None)
+    committed = pl.read_csv(RESULTS / "tables" / "left.csv")
+    assert committed.filter(
+        (pl.col("left low") == pl.col("left high")) | (pl.col("working low") == pl.col("working high"))
+    ).is_empty()
+
+
 def test_a_policy_that_never_worked_has_no_working_share() -> None:
     rows = episodes("ppo", "calm", {0: [STEPS], 1: [STEPS]})
     frame = pl.DataFrame(rows).with_columns(policy_state=pl.lit("never worked"))

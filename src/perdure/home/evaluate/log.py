@@ -113,7 +113,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Track:
-    """The path of an object. Steps at which it had hardly moved since the step before are left out.
+    """The path of an object. Steps at which it had hardly moved since the last kept one are left out.
 
     Raises:
         PerdureError: If there are no steps, they are out of order, or lengths differ.

@@ -147,8 +147,7 @@ def choose_policies(
 
     Args:
         task: Name of the task.
-        train_seed: Number of the training seed, from 0, which `{seed}` in a path stands for. UNTRAINED where no skill is
-            learned.
+        train_seed: The training seed, from 0, which `{seed}` in a path stands for; UNTRAINED where no skill is learned.
         chosen: Skill to `SkillPolicy.source`; skills that are not named get the shipped policy, or the oracle without
             one.
         release: The release choice, which decides the place policy; the benchmark's when None.

@@ -130,7 +130,7 @@ class VectorSimulator:
         """Run one control step: gripper, arm and base commands, then physics (M3's order).
 
         Args:
-            actions: From -1 to 1, see `actions`; values outside are clipped. Shape (m, 11).
+            actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, 11).
             lanes: Which lanes to step, all when None. Shape (m,).
             base_speed: Speed of a base action of 1 in [m/s] and [rad/s]. Shape (m,).
             arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).

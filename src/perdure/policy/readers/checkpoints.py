@@ -170,7 +170,7 @@ def _layers(state: TorchState, ours: str, theirs: str, path: Path) -> Iterator[t
         raise PerdureError(f"{path}: {theirs} must have its linear layers at 0, 2, 4, ..., it has them at {numbers}")
     for layer, number in enumerate(numbers):
         yield f"{ours}.{layer}.weight", np.ascontiguousarray(state.array(f"{theirs}.{number}.weight").T)
-        yield f"{ours}.{layer}.bias", state.array(f"{theirs}.{number}.bias")
+        yield f"{ours}.{layer}.bias", np.atleast_1d(state.array(f"{theirs}.{number}.bias"))
 
 
 def _check_sizes(weights: dict[str, NDArray[np.float32]], spec: TaskSpec, what: str) -> None:
