@@ -43,7 +43,7 @@ def test_the_analysis_writes_the_same_files_again(again):
 def test_every_table_of_the_page_is_one_of_the_study_and_not_empty(tables):
     assert all(make(tables).height > 0 for make in PAGE_TABLES.values())
     first = PAGE_TABLES["tasks"](tables).row(0, named=True)
-    assert (first["task"], first["release"], first["open"]) == ("SetTable", "`rl`", "93.3 % [86, 97]")
+    assert (first["task"], first["release"], first["open"]) == ("SetTable", "`rl`", "92.8 % [92, 94]")
 
 
 def test_counts_fit_together(tables):
@@ -83,24 +83,30 @@ def test_what_the_answer_says_holds(tables):
         assert closed["stabilizing mean"] >= 0.97
         assert closed["unaided"] >= 0.93 * closed["episodes"]
         assert abs(closed["stabilizing mean"] - unseen["stabilizing mean"]) <= 0.03
-    (cost,) = (
-        tables["differences"].filter(task="set_table", split="eval", first="rl closed", second="stop closed").to_dicts()
-    )
-    assert cost["episodes upper"] < 0.0, "in the default world"
     unseen_split = pl.col("split").str.starts_with("eval")
     unaided = tables["success"].filter(unseen_split, strategy="rl closed")
-    stopped = rows["set_table", "stop closed"]
-    in_place = pl.Series([stopped["final"] / 100, stopped["episodes"] / 100])
     shares = unaided["unaided"] / unaided["episodes"]
+    closed, opened = (
+        pl.Series([rows[task, strategy]["stabilizing mean"] for task in TASKS]) for strategy in ("rl closed", "rl")
+    )
+    drag = pl.Series([rows["set_table", f"{place} drag closed"]["stabilizing mean"] for place in ("rl", "stop")])
     for page, said, found in (
-        ("results/placement/README.md", "yet {:.0f} of {:.0f} episodes end in place", in_place),
         ("README.md", "Without the script all are in place in {:.0f} to {:.0f} %", shares),
+        ("README.md", "SetTable's success from {:.0f} % to {:.0f} %", drag),
+        ("README.md", "With one plan every object stays in {:.0f} to {:.0f} %", opened),
         ("docs/home/index.md", "without the oracle all are in place at the end in {:.0f} to {:.0f} %", shares),
+        ("docs/home/index.md", "{:.0f} % of 150 episodes if the hand opens in motion, and in {:.0f} % if", drag),
+        ("results/placement/README.md", "with one plan for the whole task in {:.0f} to {:.0f} %", opened),
     ):
         words = said.format(100 * found.min(), 100 * found.max())
         assert words in " ".join((ROOT / page).read_text().split())
-    drag = {place: rows["set_table", f"{place} drag closed"] for place in ("rl", "stop", "gentle")}
-    assert drag["rl"]["stabilizing upper"] < min(drag[place]["stabilizing lower"] for place in ("stop", "gentle"))
+    assert closed.min() >= 0.99
+    (stopped,) = (
+        tables["differences"]
+        .filter(task="set_table", split="eval", first="rl drag closed", second="stop drag closed")
+        .to_dicts()
+    )
+    assert stopped["episodes lower"] > 0.0
     assert all(
         rows["set_table", row.strategy]["stabilizing mean"] >= 0.8 for row in GRIDS["thesis"] if row.place == "gentle"
     )
@@ -114,13 +120,13 @@ EDITS = {
     ),
     "wrong type": (
         "release-speed",
-        ("apples,75,", "apples,many,"),
+        ("apples,64,", "apples,many,"),
         r"release-speed\.csv is no readable CSV: could not parse `many` as dtype `i64` at column 'placements'",
     ),
-    "missing value": ("release-speed", ("apples,75,", "apples,,"), r"release-speed\.csv: row \d+ has no placements"),
+    "missing value": ("release-speed", ("apples,64,", "apples,,"), r"release-speed\.csv: row \d+ has no placements"),
     "too many values": (
         "release-speed",
-        ("0.00734318\n", "0.00734318,,5\n"),
+        ("0.00809924\n", "0.00809924,,5\n"),
         r"release-speed\.csv is no readable CSV: found more",
     ),
     "cut line": (
