@@ -51,9 +51,7 @@ def main(args: list[str]) -> None:
     except KeyboardInterrupt:
         print("studies: interrupted; run the same command to continue", file=sys.stderr)
         raise SystemExit(130) from None
-    except (ValueError, OSError) as error:
-        if not (isinstance(error, OSError) or type(error).__module__.partition(".")[0] in ("perdure", "studies")):
-            raise
+    except (PerdureError, OSError) as error:
         print(f"studies: {error}", file=sys.stderr)
         raise SystemExit(2) from None
 
@@ -96,7 +94,7 @@ def status_text(units: Sequence[Unit], folder: Path) -> str:
     store, lines = Store(folder), list[str]()
     for function in dict.fromkeys(unit.function for unit in units):
         mine = [unit for unit in units if unit.function == function]
-        status = {unit.key: read_unit_progress(store, unit.key, unit.config, unit.size) for unit in mine}
+        status = {unit.key: read_unit_progress(store, unit) for unit in mine}
         failed = sum(store.note_path("failures", key).exists() for key in status)
         name = function.rpartition(":")[2].replace("_", " ")
         lines.append(f"  {name:16} {count_states(status)}, {failed} failed ({total_share(status):.0%} of the work)")

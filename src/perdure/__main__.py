@@ -44,9 +44,7 @@ def main(args: Sequence[str] | None = None) -> None:
         then = "run the same command to continue" if resumes(words) else "the same command starts from the beginning"
         print(f"perdure: interrupted; {then}", file=sys.stderr)
         sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
-    except (ValueError, OSError) as error:
-        if not isinstance(error, OSError | PerdureError):
-            raise
+    except (PerdureError, OSError) as error:
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
 

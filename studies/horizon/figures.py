@@ -200,15 +200,9 @@ def _setting_figure(
     note: str,
     rings: bool,
 ) -> Figure:
-    """Draw means over training runs, a row for each setting.
+    """Draw means over training runs, a row for each setting; with `rings` the runs too.
 
-    Args:
-        values: One number per training run, by setting and condition; at least one.
-        name: Of the figure's file.
-        title: Of the figure.
-        axis: What the numbers are.
-        note: With "{intervals}" where the note on intervals comes.
-        rings: Whether to draw the training runs too.
+    `values` are by setting and condition; the note on intervals replaces "{intervals}" in `note`.
     """
     names = list(dict.fromkeys(setting for setting, _ in values))
     intervals = {

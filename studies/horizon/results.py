@@ -151,14 +151,7 @@ def name_clocks(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def freeze_episodes(table: pl.DataFrame, setting: str, method: str, split: str) -> pl.DataFrame:
-    """Return the rows of `EPISODES` of an evaluation.
-
-    Args:
-        table: Columns of `perdure.report.schema`: a row for each episode and recorded step.
-        setting: Of all of them, as the other arguments.
-        method: As the grid names it.
-        split: Name of the start states.
-    """
+    """Return the rows of `EPISODES` of an evaluation, whose table has the columns of `perdure.report.schema`."""
     episode = ("train_seed", "clock", "eval_seed")
     table = name_clocks(table).sort(*episode, "step")
     steps = table["step"].unique().sort().to_numpy()

@@ -175,13 +175,13 @@ def task_table(tables: Tables) -> pl.DataFrame:
 
 
 def rolling_table(tables: Tables) -> pl.DataFrame:
-    """Return success in the closed loop by rolling resistance, and that unaided: a row for each task and strategy."""
+    """Return success in the closed loop, and that unaided, of tasks and strategies that ran at several resistances."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for row in success_rows(tables):
         if row["planner"] == "closed":
             alone = percent(row["unaided"] / row["episodes"])
             _cells(cells, row)[f"{1000 * row['rolling']:g} mm"] = f"{share(row)}; {alone}"
-    return _table(cells.values())
+    return _table(each for each in cells.values() if len(each) > 3)
 
 
 def thesis_table(tables: Tables) -> pl.DataFrame:

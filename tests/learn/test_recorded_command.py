@@ -52,10 +52,11 @@ def test_disturbances_are_in_the_command_and_in_the_name(spec, monkeypatch):
     found = []
     monkeypatch.setattr("perdure.learn.run.train", lambda run, *_, **options: found.append(run) or [])
     run_command(["train", TASK, "--disturb", "action_noise:0.10", "action_delay:2"])
+    run_command(["train", TASK, "--disturb", "action_delay:2", "action_noise:0.10"])
     run_command(split(command(found[0], spec, 0))[1:])
-    assert found[0] == found[1]
+    assert found[0] == found[1] == found[2]
     assert (found[0].method, found[0].disturb) == (
-        "geometric+action_noise-0.10+action_delay-2",
+        "geometric+action_delay-2+action_noise-0.10",
         ("action_delay:2", "action_noise:0.1"),
     )
 

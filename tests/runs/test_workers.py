@@ -135,7 +135,7 @@ def test_progress_is_seen_by_other_processes_while_it_runs(tmp_path):
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
     assert {round(share, 2) for share in seen} >= {0.33, 0.67}
-    assert read_unit_progress(Store(tmp_path / "store"), "unit").state == "finished"
+    assert read_unit_progress(Store(tmp_path / "store"), units[0]).state == "finished"
 
 
 def test_two_commands_on_one_store_share_the_work(tmp_path):

@@ -113,7 +113,7 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 
-        variant = "+".join((method, *disturb)).replace(":", "-") if parse_disturbances(disturb) else method
+        variant = "+".join((method, *sorted(disturb))).replace(":", "-") if parse_disturbances(disturb) else method
         run = TrainRun(task, name or variant, ppo, seeds, preset=preset, base_method=method, disturb=disturb)
         with ExitStack() as stack:
             observers = [stack.enter_context(show_progress(f"{run.task} {run.method}", "steps"))]

@@ -233,14 +233,7 @@ def _show_model_warning(text: str) -> None:
 
 
 def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int | None) -> TaskSpec:
-    """Return the spec of a Gymnasium environment.
-
-    Args:
-        name: Goes into the spec.
-        suite: Goes into the spec.
-        env: A single environment or a vector of them; determines the engine.
-        spaces: Observation and action space of one lane.
-        limit: The environment's own step limit, if it has one.
+    """Return the spec of a Gymnasium environment or vector of them; `spaces`: observation and action, of one lane.
 
     Raises:
         PerdureError: If actions are neither a box nor discrete, or observations cannot become one vector.
@@ -376,14 +369,7 @@ def _bad_states() -> tuple[int, ...]:
 
 
 def call(where: str, method: str, function: Callable[..., T], *args: Any, **keywords: Any) -> T:
-    """Call a method of a third-party environment.
-
-    Args:
-        where: Names the environment and, if known, lane and step.
-        method: Name of the method, for the message.
-        function: The method.
-        args: Its arguments.
-        keywords: Its keyword arguments.
+    """Call a method of a third-party environment; `where` names it and, if known, lane and step.
 
     Raises:
         PerdureError: Whatever it raised, SystemExit included, in one line.

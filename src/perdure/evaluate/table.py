@@ -126,14 +126,7 @@ def train_seed(policy: PolicyLike) -> int:
 def episode_table(
     labels: Sequence[str], policies: Sequence[PolicyLike], episodes: Sequence[EpisodeSpec], records: EpisodeRecords
 ) -> pl.DataFrame:
-    """Return one row for each episode and recorded step.
-
-    Args:
-        labels: Name of each policy.
-        policies: `EpisodeSpec.policy` is an index into them.
-        episodes: The episodes of ``records``, in their order.
-        records: Their results.
-    """
+    """Return one row for each episode and recorded step; `labels` name the policies that episodes point into."""
     import polars as pl
 
     n, m = records.returns.shape

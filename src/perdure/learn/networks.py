@@ -33,12 +33,7 @@ def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOCo
 
     Orthogonal with gain sqrt(2) in the hidden layers, 0.01 for the action mean and 1 for the value (Stable-Baselines3),
     or uniform in +-1/sqrt(fan in) for weights and biases (torch's ``Linear``) when ``config.ortho_init`` is off.
-
-    Args:
-        key: Randomness.
-        input_size: Of observation and phi together.
-        action_size: Of the task.
-        config: The learner's settings.
+    ``input_size`` is that of observation and phi together.
     """
     modulating = config.protocol.embedding_size if config.conditioning == "film" else 0
     params: Params = {"log_std": jnp.full((action_size,), config.log_std_init, jnp.float32)}

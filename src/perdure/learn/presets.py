@@ -128,10 +128,6 @@ class Method:
     conditioning: Conditioning = "concatenate"
 
 
-def _linear(observation_size: int, task: str) -> Embedding:
-    return Linear()
-
-
 def _geometric(observation_size: int, task: str) -> Embedding:
     return Geometric(geometric_size(observation_size, task))
 
@@ -141,13 +137,13 @@ METHODS: dict[str, Method] = {
     "ppo-undiscounted": Method(EPISODE, terminal=False, undiscounted=True),
     "ppo-undiscounted-terminal": Method(EPISODE, terminal=True, undiscounted=True),
     "ppo-short": Method(SHORT_EPISODE, terminal=False),
-    "linear": Method(EPISODE, terminal=True, embedding=_linear),
-    "linear-10-workers": Method(EPISODE, terminal=True, embedding=_linear, n_envs=10),
+    "linear": Method(EPISODE, terminal=True, embedding=lambda *_: Linear()),
+    "linear-10-workers": Method(EPISODE, terminal=True, embedding=lambda *_: Linear(), n_envs=10),
     "geometric": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
     "random-horizon": Method(RANDOM_EPISODE, terminal=True, undiscounted=True),
     "geometric-fixed": Method(EPISODE, terminal=True, undiscounted=True, embedding=_geometric),
     "ppo-average-reward": Method(EPISODE, terminal=False, undiscounted=True, estimator="average-reward"),
-    "linear-random": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=_linear),
+    "linear-random": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Linear()),
     "geometric-5": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Geometric(5)),
     "geometric-10": Method(RANDOM_EPISODE, terminal=True, undiscounted=True, embedding=lambda *_: Geometric(10)),
     "geometric-film": Method(

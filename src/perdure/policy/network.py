@@ -147,12 +147,7 @@ class FiLM:
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[Float32Array, Float32Array]], widths: Sequence[int], name: str) -> FiLM:
-        """Return the modulation by these (scale, shift), each of shape (embedding_size, width).
-
-        Args:
-            pairs: One for each hidden layer; at least one.
-            widths: Of the hidden layers.
-            name: Of the network, for messages.
+        """Return the modulation by a pair (scale, shift) for each hidden layer, of shape (embedding_size, width).
 
         Raises:
             PerdureError: If shapes do not fit.

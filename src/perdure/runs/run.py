@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from perdure.errors import PerdureError
 from perdure.runs.files import write_atomic
@@ -87,23 +87,15 @@ def run_missing(
     run.raise_failures()
 
 
-def read_unit_progress(
-    store: Store, key: str, config: Mapping[str, Any] | None = None, size: float = 1.0
-) -> UnitProgress:
+def read_unit_progress(store: Store, unit: Unit) -> UnitProgress:
     """Return how far a unit is, from the store alone, so also while another process runs it.
-
-    Args:
-        store: Where it is kept.
-        key: Of the unit.
-        config: That a finished unit must have; None: any.
-        size: Of the unit.
 
     Raises:
         PerdureError: The finished unit has another config.
     """
-    finished = store.done(key, config)
-    done, total, facts = read_progress(store, key)
-    return UnitProgress("finished" if finished else "waiting", done, total, facts, "", size)
+    finished = store.done(unit.key, unit.config)
+    done, total, facts = read_progress(store, unit.key)
+    return UnitProgress("finished" if finished else "waiting", done, total, facts, "", unit.size)
 
 
 class _Run:
@@ -119,7 +111,7 @@ class _Run:
             for key in unit.after:
                 if key not in self._units:
                     raise PerdureError(f"{unit.key!r} comes after {key!r}, which is no unit of this run")
-        self._status = {unit.key: read_unit_progress(store, unit.key, unit.config, unit.size) for unit in units}
+        self._status = {unit.key: read_unit_progress(store, unit) for unit in units}
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
 

@@ -131,11 +131,7 @@ NUMPY_NAMES = frozenset({"numpy.dtype", "numpy.ndarray", "_codecs.encode", *RECO
 
 
 def read_numbers(node: Any, what: str) -> NDArray[np.float64]:
-    """Return the numbers of an array, a NumPy scalar or a Python number, as float64.
-
-    Args:
-        node: As `read_pickle` returns it.
-        what: What the numbers are, for messages.
+    """Return the numbers of an array, a NumPy scalar or a Python number from `read_pickle`, as float64.
 
     Raises:
         PerdureError: If these are no real numbers, or data and shape do not fit.

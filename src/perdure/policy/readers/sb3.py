@@ -247,13 +247,7 @@ def _short(value: Any) -> str:
 def read_layers(
     names: list[str], array: Callable[[str], NDArray[np.float32]], settings: Sb3Settings, what: str
 ) -> list[Layer]:
-    """Return the layers between observation and action.
-
-    Args:
-        names: Of all weights.
-        array: Returns the weights of a name.
-        settings: Of the policy.
-        what: Which file it is, for messages.
+    """Return the layers between observation and action; `array` returns the weights of one of the `names`.
 
     Raises:
         PerdureError: If the network has other parts than a perceptron, or layers do not fit together.
