@@ -92,7 +92,9 @@ class EnvPoolWorld(TrackedWorld):
         self.pool = None  # EnvPool frees its threads with the last reference
 
     def _flat(self, state: list[npt.NDArray[Any]]) -> FloatArray:
-        return flat_observations([state[index] for index in self._observed])
+        """Return the parts of the observations, whose first axis is the lane, as vectors (n, observation_size)."""
+        flat = [state[index].reshape(len(state[index]), -1) for index in self._observed]
+        return (flat[0] if len(flat) == 1 else np.concatenate(flat, axis=1)).astype(np.float64, copy=False)
 
 
 def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
@@ -137,10 +139,3 @@ def observation_keys(pool: Any) -> list[str]:
     `observation, achieved_goal, desired_goal`. Keys are such as ["obs"] or ["obs:position", "obs:velocity"].
     """
     return [key for key in pool._state_keys if key == "obs" or key.startswith("obs:")]
-
-
-def flat_observations(parts: list[npt.NDArray[Any]]) -> FloatArray:
-    """Return parts of observations, whose first axis is the lane, as vectors (n, observation_size), float64."""
-    flat = [part if part.ndim == 2 else part.reshape(len(part), -1) for part in parts]
-    joined = flat[0] if len(flat) == 1 else np.concatenate(flat, axis=1)
-    return joined.astype(np.float64, copy=False)

@@ -56,7 +56,7 @@ class WorldSlot:
         self.pool_step: Callable[..., Any] | None = None
         """The engine's own traced step, if it has one."""
         self.error: BaseException | None = None
-        """Error that the world raised inside the program; JAX would wrap it in long messages."""
+        """Error that the world raised inside the program, whose results then mean nothing."""
 
     def fill(self, world: World) -> None:
         """Put in a world that has been reset. Only the program may step it until :meth:`clear`."""
@@ -68,18 +68,21 @@ class WorldSlot:
                 self.handle, self.pool_step = jnp.zeros(()), None
 
     def clear(self) -> None:
-        """Take the world out."""
+        """Take the world out. A program that was interrupted goes on to its end without it."""
         self._world = None
+        jax.effects_barrier()  # type: ignore[no-untyped-call]
 
-    def keep_error(self, on_host: Callable[[jax.Array], T]) -> Callable[[jax.Array], T]:
-        """Return a host function that keeps its error in the slot."""
+    def keep_error(self, on_host: Callable[[jax.Array], T], shapes: Any) -> Callable[[jax.Array], T]:
+        """Return a host function that keeps its error and from then on returns zeros: JAX would log and wrap errors."""
 
         def watched(values: jax.Array) -> T:
             try:
-                return on_host(values)
+                if self.error is None:
+                    return on_host(values)
             except BaseException as error:
                 self.error = error
-                raise
+            zeros: T = jax.tree.map(lambda shape: np.zeros(shape.shape, shape.dtype), shapes)
+            return zeros
 
         return watched
 
@@ -113,7 +116,6 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
     flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)  # type: ignore[no-untyped-call]
     shapes = (_bits_shape(lanes, size), _bits_shape(lanes), flags, flags)
 
-    @slot.keep_error
     def on_host(actions: jax.Array) -> tuple[NDArray[Any], ...]:
         step = slot.world.step(np.ascontiguousarray(actions).view(np.float64)[..., 0])
         # A state that the engine made up is neither bootstrapped nor paid for.
@@ -125,7 +127,7 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
 
     def step(handle: Handle, actions: jax.Array) -> tuple[Handle, TracedStep]:
         bits = jax.lax.bitcast_convert_type(actions, jnp.uint32)
-        observations, rewards, terminated, truncated = io_callback(on_host, shapes, bits)
+        observations, rewards, terminated, truncated = io_callback(slot.keep_error(on_host, shapes), shapes, bits)
         return handle, TracedStep(_traced_float64(observations), _traced_float64(rewards), terminated, truncated)
 
     return step
@@ -134,7 +136,6 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
 def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
     lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
 
-    @slot.keep_error
     def on_host(done: jax.Array) -> NDArray[np.uint32]:
         ended = np.flatnonzero(np.asarray(done))
         observations = np.zeros((lanes, size))
@@ -142,7 +143,8 @@ def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
         return _bits(observations)
 
     def reset(done: jax.Array) -> jax.Array:
-        return _traced_float64(io_callback(on_host, _bits_shape(lanes, size), done))
+        shape = _bits_shape(lanes, size)
+        return _traced_float64(io_callback(slot.keep_error(on_host, shape), shape, done))
 
     return reset
 

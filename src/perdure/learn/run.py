@@ -302,6 +302,8 @@ class Segments:
                 if isinstance(world, DisturbedWorld):
                     world.observation_std[:] = self.algorithm.observation_std(learner)
                 learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
+                if self._slot.error is not None:
+                    raise self._slot.error
                 step = (iteration + 1) * config.rollout_size
                 episodes.append(metrics.episodes)
                 iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
