@@ -8,11 +8,11 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = ("src", "studies", "benchmarks", "tools")
-MOST_LINES = 35_767
+MOST_LINES = 35_766
 """Lines of Python in CODE."""
 MOST_FILES = 164
 """Python files in CODE."""
-MOST_WORDS = 28_599
+MOST_WORDS = 28_595
 """Words, as `wc -w` counts them, of README, CONTRIBUTING, CHANGELOG and the pages in docs and results."""
 MOST_TABLES = 25e6
 """Bytes of tables and figures in results."""
