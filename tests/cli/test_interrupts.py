@@ -55,28 +55,6 @@ def test_a_command_that_is_interrupted_ends_at_once_with_its_workers(tmp_path, n
             os.killpg(process.pid, signal.SIGKILL)  # the group outlives its leader as long as a worker is left
 
 
-def test_training_in_this_process_ends_without_a_traceback(tmp_path):
-    """A world that the program calls back; what the program still does meets it whole."""
-    command = [*HEARS_CTRL_C, sys.executable, "-m", "perdure", "train", "gymnasium:Pendulum-v1", "--on", "here"]
-    process = subprocess.Popen(
-        [*command, "--ppo.total-steps", "1e8", "--out", "out"],
-        cwd=tmp_path,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        wait_until(lambda: list(tmp_path.glob("out/.working/*/unit.json")), START_S)
-        time.sleep(10.0)
-        process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=WITHIN_S)
-    finally:
-        process.kill()
-    assert process.returncode == 143
-    assert "Traceback" not in errors
-    assert "the slot is empty" not in errors
-
-
 def children(parent):
     return [int(each) for each in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 

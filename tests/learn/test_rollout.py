@@ -199,3 +199,25 @@ class TestNormalizingPhi:
     def test_phi_goes_through_the_normalizer_in_a_replication(self):
         varying = self.inputs(True)[:, SIZE : SIZE + 2]
         np.testing.assert_allclose(varying, [[-1, -1], [1, 1]], atol=2e-3)
+
+
+def test_a_program_whose_world_is_interrupted_or_taken_out_ends_on_zeros(monkeypatch, caplog):
+    """JAX would log an error of its callback, and wrap it."""
+    world, slot = make_world("gymnasium:Pendulum-v1", [0, 1]), WorldSlot()
+    world.reset()
+    slot.fill(world)
+
+    def interrupted(actions):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(world, "step", interrupted)
+    with jax.enable_x64(True):
+        step = jax.jit(traced_world(slot).step)
+        for error, end in ((KeyboardInterrupt, lambda: None), (RuntimeError, slot.clear)):
+            slot.fill(world)
+            end()
+            found = jax.block_until_ready(step(jnp.zeros(()), jnp.zeros((2, 1)))[1])
+            assert not any(np.asarray(part).any() for part in found)
+            assert isinstance(slot.error, error)
+    world.close()
+    assert not caplog.records
