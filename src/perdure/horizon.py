@@ -7,19 +7,17 @@ the training horizon T. At deployment a clock decides which (t, T) the embedding
 
 from __future__ import annotations
 
-import inspect
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args, get_type_hints
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
-from perdure.errors import PerdureError, did_you_mean
-from perdure.schema import checked
+from perdure.errors import PerdureError
+from perdure.registry import Registered
 
 __all__ = [
     "Clock",
@@ -41,9 +39,6 @@ __all__ = [
     "parse_clock",
 ]
 
-T = TypeVar("T")
-_Whole = Annotated[int, Meta(ge=-100_000_000, le=100_000_000)]
-"""Of steps or of components, in files."""
 End = Literal["terminated", "truncated"]
 
 
@@ -136,75 +131,6 @@ def check_end(end: Any) -> None:
     """Raise PerdureError unless `end` is ``"terminated"`` or ``"truncated"``."""
     if end not in get_args(End):
         raise PerdureError(f"end must be one of {', '.join(get_args(End))}, got {end!r}")
-
-
-class Registered(ABC):
-    """Base class of embeddings, clocks and distributions: frozen dataclasses of numbers, found by their name."""
-
-    name: ClassVar[str]
-    """Name in files and on command lines."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return ``{"name": ..., field: value, ...}``.
-
-        Infinity, which JSON does not have, becomes the string "inf"; NumPy numbers become Python's.
-        """
-        return {"name": self.name, **{each.name: _plain(getattr(self, each.name)) for each in fields(self)}}  # type: ignore[arg-type]
-
-    @classmethod
-    def from_json(cls, values: Any) -> Self:
-        """Return the instance of a subclass that its `to_json` described, such as `Clock.from_json(values)`.
-
-        Raises:
-            PerdureError: If the name or a field is unknown, or a value is out of range.
-        """
-        kinds = cls.kinds()
-        name = values.get("name") if isinstance(values, dict) else values
-        if not (isinstance(values, dict) and isinstance(name, str) and name in kinds):
-            valid = ", ".join(sorted(kinds))
-            hint = did_you_mean(name, kinds)
-            raise PerdureError(f"unknown {cls.__name__} {repr(name)[:80]}; the known ones are {valid}{hint}")
-        given = {key: math.inf if value == "inf" else value for key, value in values.items() if key != "name"}
-        try:
-            for key, kind in get_type_hints(kinds[name]).items():
-                if key in given and kind in (int, float):
-                    checked(given[key], _Whole if kind is int else kind, key)
-                    if given[key] != given[key]:
-                        raise PerdureError(f"{key} must be a number, not nan")
-            return kinds[name](**given)
-        except (PerdureError, TypeError) as error:
-            raise PerdureError(f"{cls.__name__} {name!r} cannot be built from {str(given)[:200]}: {error}") from None
-
-    @classmethod
-    def kinds(cls) -> dict[str, type[Self]]:
-        """Return the concrete subclasses by name.
-
-        Raises:
-            PerdureError: If two of them have the same name, as after copying a file: a stored name must mean one thing.
-        """
-        found: dict[str, type[Self]] = {}
-        for kind in _subclasses(cls):
-            if not inspect.isabstract(kind):
-                if _path(other := found.get(kind.name, kind)) != _path(kind):
-                    raise PerdureError(
-                        f"{_path(other)} and {_path(kind)} are both named {kind.name!r}: give one another name"
-                    )
-                found[kind.name] = kind  # the last definition, as after a cell of a notebook ran again
-        return found
-
-
-def _plain(value: Any) -> Any:
-    value = value.item() if hasattr(value, "item") else value
-    return "inf" if value == math.inf else value
-
-
-def _path(kind: type) -> str:
-    return f"{kind.__module__}.{kind.__qualname__}"
-
-
-def _subclasses(base: type[T]) -> list[type[T]]:
-    direct = base.__subclasses__()
-    return [*direct, *(kind for each in direct for kind in _subclasses(each))]
 
 
 # Embeddings

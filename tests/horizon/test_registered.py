@@ -14,8 +14,8 @@ from perdure.horizon import (
     Fixed,
     HorizonDistribution,
     HorizonProtocol,
-    Registered,
 )
+from perdure.registry import Registered
 
 
 @dataclass(frozen=True)
