@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
 
 from perdure.envs import TaskSpec
 from perdure.errors import PerdureError
-from perdure.learn.config import PPOConfig
+from perdure.learn.config import Activation, PPOConfig
 from perdure.learn.networks import CLIP, EPSILON, Params, RunningMoments
 from perdure.policy import Policy, load_policy
 
@@ -67,7 +67,7 @@ def continued_config(config: PPOConfig, start: Path, seed: int) -> PPOConfig:
     return dataclasses.replace(
         config,
         hidden_sizes=tuple(int(each.shape[1]) for each in weights[:-1]),
-        activation=policy.activation,
+        activation=cast(Activation, policy.activation),  # the settings refuse another one
         log_std_init=min(config.log_std_init, LOG_STD),
         log_std_end=None,
     )
