@@ -116,4 +116,4 @@ def holm(values: Sequence[float]) -> list[float]:
     steps = (len(plain) - np.arange(len(plain))) * plain[order]
     corrected = np.empty_like(plain)
     corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    return corrected.tolist()
+    return [float(each) for each in corrected]

@@ -12,9 +12,9 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.stats import compare_paired, compare_with
-from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
+from perdure.stats import compare_paired
 from studies.disturbance.claims import CLAIMS as REGISTERED
+from studies.disturbance.claims import NOISE
 from studies.horizon.claims import Condition, decide, effect, holm, p_value, read_claims
 from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, METHODS, SWEPT, Row
 from studies.horizon.results import TEST, VALIDATION, Results
@@ -23,15 +23,13 @@ PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
 NOISY = "ppo-average-reward+action_noise-0.1"
 FRESH = ("ppo", "ppo-gamma-0.999", "geometric")
-"""Methods of the first table of the page; `OTHERS`: of the second."""
-OTHERS = ("geometric-discounted", "ppo-average-reward", NOISY)
-SHARE = "working share"
 FRESH_COLUMNS = {
-    "noise (share)": (NOISE, SHARE),
-    "pushes (share)": (PUSHES, SHARE),
-    "calm (score)": (CALM, "score"),
-    "speed (score)": (CALM, "gain in training"),
+    "noise": "noise (share)",
+    "pushes": "pushes (share)",
+    "calm": "calm (score)",
+    "speed": "speed (score)",
 }
+SHOWN_THRESHOLDS = (0.0, 0.1, 0.25, 0.5, 0.75)
 DISTURBED = Path(__file__).parents[2] / "results" / "disturbance" / "tables"
 REGISTERED_TASKS = ("Hopper-v3@cleanrl", "Walker2d-v3@cleanrl", "HalfCheetah-v3")
 CLOCKS = {
@@ -61,7 +59,7 @@ def claim_table(results: Results) -> pl.DataFrame:
     for claim in read_claims():
         if (found := effect(claim, results.values)) is not None:
             numbers = {"effect": found.estimate, "lower": found.lower, "upper": found.upper}
-            numbers |= {"p": p_value(claim, found), "p, Holm": None}
+            numbers |= {"p": p_value(claim, found), "p, Holm": math.nan}
             tasks = {"tasks": ", ".join(claim.tasks), "right": str(claim.right)}
             decision = decide(claim, found.lower, found.upper)
             rows.append(vars(claim) | tasks | numbers | {"runs": found.count, "decision": decision})
@@ -104,8 +102,7 @@ def _rules(results: Results, row: Row) -> Iterator[dict[str, Any]]:
 def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     """Return the tables of the page by name; their cells are texts: a number, perhaps with its 95 % interval."""
     rows = {
-        "fresh": _fresh_rows(FRESH),
-        "others": _fresh_rows(OTHERS),
+        "fresh": _fresh_rows(),
         "registered": _registered_rows(),
         "thresholds": _threshold_rows(),
         "clocks": _clock_rows(results),
@@ -134,17 +131,17 @@ def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
         yield {"the thesis": each["sentence"], "effect": effect, "our runs": each["decision"]}
 
 
-def _fresh_rows(methods: Collection[str]) -> Iterator[dict[str, str]]:
-    """Yield what ten fresh training runs of a method do on a task, for all that there are."""
-    runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet"))
-    tasks, there = (name.partition("@")[0] for name in REGISTERED_TASKS), set(runs["task", "method"].iter_rows())
-    for task, method in filter(there.__contains__, product(tasks, methods)):
-        row = {"task": task, "method": METHODS[method]}
-        for name, (condition, measure) in FRESH_COLUMNS.items():
-            values = runs.filter(task=task, method=method, condition=condition)[measure]
-            found, bounds = compare_with(values, 0.0), (0.0, 1.0) if measure == SHARE else (-math.inf, math.inf)
-            row[name] = _numbers(found.estimate, *np.clip((found.lower, found.upper), *bounds))
-        yield row
+def _fresh_rows() -> Iterator[dict[str, str]]:
+    """Yield what ten fresh training runs of a method do on a task."""
+    table = pl.read_csv(DISTURBED / "methods.csv")
+    for setting, method in product(REGISTERED_TASKS, FRESH):
+        task = setting.partition("@")[0]
+        for each in table.filter(task=task, method=METHODS[method]).to_dicts():
+            cells = {
+                words: _numbers(each[name], each[f"{name} low"], each[f"{name} high"])
+                for name, words in FRESH_COLUMNS.items()
+            }
+            yield {"task": task, "method": METHODS[method]} | cells
 
 
 def _registered_rows() -> Iterator[dict[str, str]]:
@@ -167,7 +164,9 @@ def _registered_rows() -> Iterator[dict[str, str]]:
 
 def _threshold_rows() -> Iterator[dict[str, str]]:
     """Yield the difference to discounted PPO and to PPO with a discount of 0.999, by standing threshold."""
-    table = pl.read_csv(DISTURBED / "thresholds.csv").filter(condition=NOISE)
+    table = pl.read_csv(DISTURBED / "thresholds.csv").filter(
+        pl.col("threshold").is_in(SHOWN_THRESHOLDS), condition=NOISE
+    )
     for (threshold,), part in table.group_by("threshold", maintain_order=True):
         row = {"stands below": f"{threshold:g}"}
         for method in ("ppo", "ppo-gamma-0.999"):

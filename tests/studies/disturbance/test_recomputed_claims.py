@@ -4,13 +4,14 @@ Nothing of perdure or of the studies is imported. Run it as a script to see the 
 """
 
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 from math import comb, sqrt
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from scipy import stats
 
 RESULTS = Path(__file__).parents[3] / "results" / "disturbance"
 PRESETS = {"Hopper-v3": "@cleanrl", "Walker2d-v3": "@cleanrl", "HalfCheetah-v3": ""}
@@ -137,6 +138,21 @@ def test_the_tables_of_thresholds_and_of_work(name):
         ]
         assert np.mean([a.mean() - b.mean() for a, b in pairs]) == pytest.approx(row["effect"], abs=1e-5)
         assert interval(pairs, 10_000) == pytest.approx([row["low"], row["high"]], abs=0.02)
+
+
+def test_the_table_of_methods():
+    words = {"discounted PPO": "ppo", "geometric time-to-go": "geometric", "PPO, discount 0.999": "ppo-gamma-0.999"}
+    columns = {"noise": 1, "pushes": 2, "calm": 5, "speed": 4}
+    rows = pl.read_csv(RESULTS / "tables" / "methods.csv").filter(pl.col("method").is_in(list(words))).to_dicts()
+    assert len(rows) == 9
+    for row, (name, claim) in product(rows, columns.items()):
+        found = values(row["task"], words[row["method"]], *CLAIMS[claim][2:])
+        assert found.mean() == pytest.approx(row[name], rel=1e-5)
+        half = stats.t.ppf(0.975, len(found) - 1) * found.std(ddof=1) / sqrt(len(found))
+        low, high = found.mean() - half, found.mean() + half
+        if claim in (1, 2):
+            low, high = max(low, 0.0), min(high, 1.0)
+        assert (low, high) == pytest.approx((row[f"{name} low"], row[f"{name} high"]), rel=1e-4, abs=1e-5)
 
 
 def test_what_the_horizon_page_says_of_work_and_of_thresholds():
