@@ -268,7 +268,7 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
     """Check types and numbers of arrays, not shapes, which policy and reference check; PerdureError names the array."""
     for name, array in arrays.items():
         kind = array.dtype.str[1:]
-        allowed = WEIGHTS
+        allowed: tuple[str, ...] = WEIGHTS
         if name in ARRAYS:
             allowed = (ARRAYS[name],)
         if kind not in allowed:

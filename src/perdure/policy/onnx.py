@@ -362,7 +362,7 @@ def _whole(path: Path) -> bytes:
         tensor.ClearField("external_data")
     if not files:
         return data
-    return model.SerializeToString()
+    return bytes(model.SerializeToString())
 
 
 def _outside(model: Any) -> list[Any]:
