@@ -191,7 +191,8 @@ def _number_type(kind: Any) -> np.dtype[Any]:
         byte_order = kind.state[1]
     if byte_order not in ("<", ">"):
         byte_order = "="
-    return np.dtype(name).newbyteorder(byte_order)
+    dtype: np.dtype[Any] = np.dtype(name).newbyteorder(byte_order)
+    return dtype
 
 
 MAX_MEMBERS = 10_000
