@@ -24,11 +24,11 @@ DENSE = ("src", "studies")
 """Where dense statements are counted."""
 GENERATED = ("docs/_build", "docs/reference/api", "docs/reference/cli.md", "docs/home/skills.md")
 
-TUPLE_ASSIGNMENTS = 683
+TUPLE_ASSIGNMENTS = 535
 """Assignments of the form `a, b = x, y`, in DENSE."""
-PER_THOUSAND_LINES = {"ternaries": 26.0, "walruses": 3.8}
+PER_THOUSAND_LINES = {"ternaries": 19.0, "walruses": 2.5}
 """In DENSE."""
-EXEMPTIONS = 11
+EXEMPTIONS = 12
 """Functions or files that may break a rule of ruff in LIMITED: rows in pyproject.toml and `noqa` comments."""
 LIMITED = ("C901", "PLR0913")
 MEGABYTES = {"policies": 100, "tables and figures": 25}
@@ -36,14 +36,14 @@ MEGABYTES = {"policies": 100, "tables and figures": 25}
 WORDS = 300
 """Words of a page that is not in PAGES, as `wc -w` counts them."""
 PAGES = {
-    "CONTRIBUTING.md": 850,
-    "README.md": 700,
+    "CONTRIBUTING.md": 900,
+    "README.md": 750,
     "docs/explanation/architecture.md": 1_050,
     "docs/explanation/thesis.md": 450,
     "docs/explanation/verdict.md": 1_450,
     "docs/home/benchmark.md": 1_150,
     "docs/home/differences.md": 950,
-    "docs/home/index.md": 600,
+    "docs/home/index.md": 700,
     "docs/home/outcomes.md": 1_400,
     "docs/home/plan.md": 500,
     "docs/home/training.md": 1_200,
@@ -65,10 +65,11 @@ PAGES = {
     "docs/tutorials/does-my-sb3-agent-hold.md": 800,
     "docs/tutorials/my-own-environment.md": 400,
     "docs/tutorials/time-to-go-in-sb3.md": 500,
+    "results/cure/registered.md": 550,
     "results/disturbance/README.md": 1_300,
-    "results/horizon/README.md": 2_150,
+    "results/horizon/README.md": 2_200,
     "results/horizon/registered.md": 600,
-    "results/placement/README.md": 1_800,
+    "results/placement/README.md": 1_950,
     "results/robots/README.md": 400,
 }
 
