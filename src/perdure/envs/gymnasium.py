@@ -156,6 +156,7 @@ class GymnasiumWorld(TrackedWorld):
         for row, lane in enumerate(chosen):
             where = f"{self.spec.name}, lane {lane}, step {steps[lane] + 1}"
             returned = call(where, "step", self.environments[lane].step, shaped[row])
+            # Third-party code: every part is checked before it counts.
             observation, reward, ended, cut, info = read_tuple(where, "step", returned, 5)
             observations[row] = read_observation(where, "step", self._space, observation)
             rewards[row] = read_reward(where, reward)

@@ -99,11 +99,13 @@ class VectorEnvWorld(TrackedWorld):
                 "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
             )
         clipped = checked_actions(actions, chosen, self.spec)
+        # The vector moves lanes that have ended too: reset them if it does not, and let them do nothing.
         if self._mode is AutoresetMode.DISABLED and self._over.any():
             self._reset_inside(self._over.copy(), [None] * self.num_lanes)
         idle = np.clip(np.zeros(self.spec.action_size), self.spec.action_low, self.spec.action_high)
         everyone = np.tile(idle, (self.num_lanes, 1))
         everyone[chosen] = clipped
+        # Step, and check what came back.
         name = self.spec.name
         returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
         batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)

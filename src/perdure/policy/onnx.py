@@ -111,6 +111,7 @@ class OnnxModel:
         boolean = [name for name in self.times if inputs[name].type == "tensor(bool)"]
         if boolean:
             raise PerdureError(f"{what}: the input {boolean[0]} must be a number of steps, not tensor(bool)")
+        # An input X_in whose shape an output X_out has is a state; what else there is must be the observation.
         self.state: dict[str, str] = {}
         """Inputs that hold the state of a recurrent policy, each with the output that follows it."""
         self._zero: Arrays = {}

@@ -118,11 +118,13 @@ def measure_reference(
                 loop_step = loop.advance()
                 observe(loop_step)
                 result = loop_step.step
+                # What the engine made up after a divergence does not count.
                 valid = ~detector.diverged(loop_step)
                 rewards[loop_step.episodes[valid], step // BIN_STEPS] += result.rewards[valid]
                 if valid.any():
                     low = np.minimum(low, result.observations[valid].min(axis=0))
                     high = np.maximum(high, result.observations[valid].max(axis=0))
+                # Which episodes ended, and how: a success is no fall.
                 if not valid.all():
                     loop.drop(loop_step.episodes[~valid])
                 ended = result.ended | ~valid

@@ -414,11 +414,13 @@ def _curve_rows(lines: Sequence[Curve], x: Axis) -> tuple[list[Row], ...]:
         points = each._points(x)
         whole = each.joined and len(points) >= FEWEST_JOINED
         for k, at, interval in points:
+            # A mark where no line shows the point.
             point = at | {"y": number(each.y[k])}
             if whole:
                 joined.append(point)
             if each.marked or not whole:
                 dots.append(point)
+            # Its interval, and what it is the mean of.
             if interval and each.intervals == "band" and whole:
                 bands.append(at | interval)
             elif interval and each.intervals != "last":

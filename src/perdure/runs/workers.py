@@ -149,7 +149,8 @@ class LocalWorkers:
             process: _Process = selected.data
             answer = process.receive()
             key = self._busy.pop(process, None)
-            if key is None:  # it died while it had nothing to do
+            # A process that has died gives its cores back; one that has answered waits for the next unit.
+            if key is None:  # it had nothing to do
                 self._idle.remove(process)
                 self._places.append(process.cores)
                 process.end()
