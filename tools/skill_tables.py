@@ -41,14 +41,16 @@ def reward_texts(skill: Skill) -> Mapping[str, str]:
 
 def _longest(name: str) -> Skill:
     """Return the skill with all elements that it can have."""
-    return get_skill(name, **({"delta": 2} if "delta" in (each.name for each in fields(SKILLS[name])) else {}))
+    if "delta" in [each.name for each in fields(SKILLS[name])]:
+        return get_skill(name, delta=2)
+    return get_skill(name)
 
 
 def _section(name: str, skill: Skill) -> str:
     usual = get_skill(name)
-    more = (
-        f"; {len(skill.elements)} and {usual.limit} + `delta` for `delta` above 1" if skill.limit > usual.limit else ""
-    )
+    more = ""
+    if skill.limit > usual.limit:
+        more = f"; {len(skill.elements)} and {usual.limit} + `delta` for `delta` above 1"
     facts = f"`{env_id(name)}`: {len(usual.elements)} numbers observed, at most {usual.limit} steps{more}. "
     parts = [f"## {name}", f"{facts}Contact force: at most {skill.force_limit:g} N. Success: {skill.success_text}."]
     parts.append(_table(("observed", "meaning", "unit", "from", "to"), _elements(skill.elements)))

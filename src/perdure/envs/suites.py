@@ -20,7 +20,8 @@ from typing import Any, Protocol
 from perdure.envs.world import TaskSpec, World, checked_seeds
 from perdure.errors import PerdureError, did_you_mean
 
-GYMNASIUM_PREFIX, ENVPOOL_PREFIX = "gymnasium:", "envpool:"
+GYMNASIUM_PREFIX = "gymnasium:"
+ENVPOOL_PREFIX = "envpool:"
 ROBOTS = "perdure.robots.world"
 """Imported when a task is the contract of a robot."""
 
@@ -47,8 +48,10 @@ def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
     for suite in suites():
         if suite.owns(task):
             return suite.make(task, seeds, threads)
-    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
-    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
+    meant: tuple[str, ...] = ()
+    if gymnasium_makes(task):
+        meant = (f"{GYMNASIUM_PREFIX}{task}",)
+    raise unknown_task(task, [listing.name for listing in list_tasks()], meant)
 
 
 def task_spec(task: str) -> TaskSpec:
@@ -334,18 +337,32 @@ def task_source_digest(task: str) -> dict[str, str]:
     if is_contract(task):
         return dict(import_module(ROBOTS).sources(task))
     top = (module_of(task) or "").partition(".")[0]
-    try:
-        spec = find_spec(top) if top else None
-    except (ImportError, ValueError):
-        spec = None
-    if spec is None:
+    files = _source_files(top)
+    if not files:
         return {}
-    folders = list(map(Path, spec.submodule_search_locations or []))
-    files = {file: folder for folder in folders for end in ("*.py", "*.xml") for file in sorted(folder.rglob(end))}
-    if not folders and spec.origin is not None and (origin := Path(spec.origin)).is_file():
-        files = {origin: origin.parent}
     digest = hashlib.sha256()
     for file, folder in files.items():
-        name, data = file.relative_to(folder).as_posix(), file.read_bytes()
+        name = file.relative_to(folder).as_posix()
+        data = file.read_bytes()
         digest.update(f"{name}\0{len(data)}\0".encode() + data)
-    return {top: digest.hexdigest()} if files else {}
+    return {top: digest.hexdigest()}
+
+
+def _source_files(top: str) -> dict[Path, Path]:
+    """Return the source files of a top-level module or package, each with its folder; {} without a source."""
+    try:
+        spec = find_spec(top)
+    except (ImportError, ValueError):
+        return {}
+    if spec is None:
+        return {}
+    files = {}
+    for location in spec.submodule_search_locations or []:
+        folder = Path(location)
+        for pattern in ("*.py", "*.xml"):
+            for file in sorted(folder.rglob(pattern)):
+                files[file] = folder
+    if not spec.submodule_search_locations and spec.origin is not None and Path(spec.origin).is_file():
+        file = Path(spec.origin)
+        files[file] = file.parent
+    return files
