@@ -54,6 +54,17 @@ def policies() -> str:
     return "\n".join(rows)
 
 
+def disturbances() -> str:
+    """Return the kinds of disturbances, one a line: an example, what it does, and who disturbs robots in this way."""
+    from perdure.disturbances import Effect
+
+    rows = []
+    for name, kind in Effect.kinds().items():
+        source = f" ({kind.source})" if kind.source else ""
+        rows.append(f"{f'{name}:{kind.example:g}':23} {kind.words}{source}")
+    return "\n".join(rows)
+
+
 def _within(subject: Policy) -> str:
     """Return what a policy does within its training horizon, in one line."""
     if (reference := subject.reference) is None:
