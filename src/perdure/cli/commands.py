@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from perdure.cli.parse import Cores, On, call
-from perdure.cli.show import disturbances, methods, model_text, policies, policy_text, tasks
+from perdure.cli.show import disturbances, methods, model_text, observations, policies, policy_text, tasks
 from perdure.cli.subjects import is_function, load_function, policy_files
 from perdure.errors import PerdureError
 from perdure.horizon import usual_preset
@@ -458,10 +458,10 @@ def card(policy: tyro.conf.Positional[str], table: Path, out: Path | None = None
 
 
 def list_names(
-    what: tyro.conf.Positional[Literal["tasks", "methods", "policies", "disturbances"]] = "tasks",
+    what: tyro.conf.Positional[Literal["tasks", "methods", "policies", "disturbances", "observations"]] = "tasks",
     suite: str | None = None,
 ) -> None:
-    """List tasks, training methods, the policies that come with perdure, or kinds of disturbances.
+    """List tasks, training methods, the policies that come with perdure, disturbances, or what robots observe.
 
     Args:
         what: What to list.
@@ -469,7 +469,7 @@ def list_names(
     """
     if suite is not None and what != "tasks":
         raise PerdureError(f"--suite is for tasks, not for {what}")
-    texts = {"methods": methods, "policies": policies, "disturbances": disturbances}
+    texts = {"methods": methods, "policies": policies, "disturbances": disturbances, "observations": observations}
     print(tasks(suite) if what == "tasks" else texts[what]())
 
 

@@ -65,6 +65,17 @@ def disturbances() -> str:
     return "\n".join(rows)
 
 
+def observations() -> str:
+    """Return the observation terms that contracts of robots may name, one a line, with their other names."""
+    from perdure.robots.terms import ObservationTerm
+
+    rows = []
+    for name, kind in ObservationTerm.kinds().items():
+        others = f" (also {', '.join(kind.aliases)})" if kind.aliases else ""
+        rows.append(f"{name:20} {kind.words}{others}")
+    return "\n".join(rows)
+
+
 def _within(subject: Policy) -> str:
     """Return what a policy does within its training horizon, in one line."""
     if (reference := subject.reference) is None:
