@@ -110,4 +110,4 @@ def test_an_error_of_a_reader_names_the_file(vendor, tmp_path):
 
 def test_without_its_reader_a_file_is_no_task(tmp_path):
     with pytest.raises(PerdureError, match="no task"):
-        task_of_environment(str(tmp_path / "deploy.json"))
+        task_of_environment(str(tmp_path / "deploy.toml"))
