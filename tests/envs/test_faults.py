@@ -125,6 +125,15 @@ def test_a_fault_changes_the_model_of_its_lane_while_it_lasts():
     world.close()
 
 
+def test_a_refused_reset_changes_nothing():
+    world = DisturbedWorld(GymnasiumWorld([Echo], [5]), [parse_disturbance("action_noise:0.1@0+9")], [5])
+    world.reset()
+    with pytest.raises(PerdureError, match="lane"):
+        world.reset(np.array([1]))
+    seen = [world.step(np.array([[0.0, 2.0]])).observations[0] for _ in range(9)]
+    assert np.array_equal(seen, echoed("action_noise:0.1", steps=9)[:, 0])
+
+
 def test_faults_overlap():
     env = gymnasium.make("Hopper-v4")
     model, faults = env.unwrapped.model, [parse_disturbance(text) for text in ("slope:30@1+2", "strength:0.5@2+2")]

@@ -10,7 +10,7 @@ import numpy as np
 
 from perdure.disturbances import Disturbance, Disturber
 from perdure.envs.suites import is_contract
-from perdure.envs.world import FloatArray, IntArray, Step, World
+from perdure.envs.world import FloatArray, IntArray, Step, World, checked_lanes
 from perdure.errors import PerdureError
 
 SIMULATED = {
@@ -70,8 +70,8 @@ class DisturbedWorld:
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen = self._everyone if lanes is None else np.asarray(lanes)
-        self._disturber.begin(chosen)
+        chosen = self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
+        self._disturber.begin(chosen)  # models are put back before the robot stands in its start state
         observations = self._world.reset(lanes)
         return self._disturber.observe(observations, chosen, np.zeros(len(chosen), np.int64))
 
