@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from perdure.cli.parse import Cores, On, call
-from perdure.cli.show import methods, model_text, policies, policy_text, tasks
+from perdure.cli.show import disturbances, methods, model_text, observations, policies, policy_text, tasks
 from perdure.cli.subjects import is_function, load_function, policy_files
 from perdure.errors import PerdureError
 from perdure.report.charts import Format
@@ -103,11 +103,10 @@ def extrapolate(
             100, and countdown).
         eval_seeds: Start states, calm (3) or under --disturb (36); the same ones for every policy and clock.
         first_eval_seed: First start state: choose a policy or a clock on some start states, and report on others.
-        disturb: none (calm episodes only), standard-1, or what disturbs every episode, all together: action_noise:0.1
-            (of half the action range), observation_noise:0.05 (of the spread in training), action_delay:2 (steps),
-            push:0.5 (m/s, every 200 steps), mass:1.2, friction:0.8, strength:0.9, time_step:0.5 (factors), lag:0.3,
-            payload:0.1, slope:3. push:0.2,0.4 tries each level. Without it: calm episodes and standard-1; discrete
-            actions, or a desired_goal observed: calm only.
+        disturb: none (calm episodes only), standard-1, or what disturbs every episode, all together:
+            {disturbances}. push:0.2,0.4 tries each level. strength:0.5@2000 acts from step 2,000 on,
+            strength:0.5@2000+500 for 500 steps. Without it: calm episodes and standard-1; discrete actions, or a
+            desired_goal observed: calm only.
         success: Entry of the environment's infos that says after every step whether the goal is reached. If left out,
             is_success or success.
         out: Folder for the table and the report. Finished parts of an interrupted evaluation are kept there.
@@ -366,9 +365,10 @@ def card(policy: tyro.conf.Positional[str], table: Path, out: Path | None = None
 
 
 def list_names(
-    what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks", suite: str | None = None
+    what: tyro.conf.Positional[Literal["tasks", "methods", "policies", "disturbances", "observations"]] = "tasks",
+    suite: str | None = None,
 ) -> None:
-    """List tasks, training methods, or the policies that come with perdure.
+    """List tasks, training methods, the policies that come with perdure, disturbances, or what robots observe.
 
     Args:
         what: What to list.
@@ -376,7 +376,8 @@ def list_names(
     """
     if suite is not None and what != "tasks":
         raise PerdureError(f"--suite is for tasks, not for {what}")
-    print({"tasks": lambda: tasks(suite), "methods": methods, "policies": policies}[what]())
+    texts = {"methods": methods, "policies": policies, "disturbances": disturbances, "observations": observations}
+    print(tasks(suite) if what == "tasks" else texts[what]())
 
 
 def inspect(policy: PolicyName) -> None:

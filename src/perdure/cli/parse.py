@@ -12,7 +12,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr
 from functools import partial
 from pathlib import Path
@@ -84,13 +84,24 @@ def call(function: Callable[..., None], args: list[str], command: str) -> None:
 
     A parameter `command` of the function gets the command line as text.
     """
-    made = parse(deferred(function), args, command)
+    asks_help = not {"-h", "--help"}.isdisjoint(args)
+    made = parse(deferred(function, _vocabularies() if asks_help else {}), args, command)
     known = {"command": command_line("perdure", *command.split(), *args)}
     made(**{name: text for name, text in known.items() if name in inspect.signature(function).parameters})
 
 
-def deferred(function: Callable[..., None]) -> Callable[..., partial[None]]:
-    """Return a function of the same parameters, without `command`, that returns the call instead of making it."""
+def _vocabularies() -> dict[str, str]:
+    """Return lists that help texts contain, by their placeholder; other packages may add to them."""
+    from perdure.disturbances import examples
+
+    return {"{disturbances}": examples()}
+
+
+def deferred(function: Callable[..., None], listings: Mapping[str, str]) -> Callable[..., partial[None]]:
+    """Return a function of the same parameters, without `command`, that returns the call instead of making it.
+
+    Its help texts have the `listings` in place of their names.
+    """
 
     def bind(*arguments: Any, **options: Any) -> partial[None]:
         return partial(function, *arguments, **options)
@@ -100,7 +111,10 @@ def deferred(function: Callable[..., None]) -> Callable[..., partial[None]]:
     bind.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
     bind.__annotations__ = {each.name: hints[each.name] for each in shown}
     # tyro keeps the line breaks inside the description of a parameter.
-    bind.__doc__ = re.sub(r"\n {8,}", " ", inspect.getdoc(function) or "")
+    text = re.sub(r"\n {8,}", " ", inspect.getdoc(function) or "")
+    for placeholder, listing in listings.items():
+        text = text.replace(placeholder, listing)
+    bind.__doc__ = text
     return bind
 
 

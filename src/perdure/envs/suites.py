@@ -7,6 +7,7 @@ suite appears here by itself.
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from ast import literal_eval
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -24,6 +25,8 @@ GYMNASIUM_PREFIX = "gymnasium:"
 ENVPOOL_PREFIX = "envpool:"
 ROBOTS = "perdure.robots.world"
 """Imported when a task is the contract of a robot."""
+READERS = "perdure.robots.readers"
+"""Knows how the names of contracts end."""
 
 
 def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
@@ -79,7 +82,10 @@ def list_tasks(suite: str | None = None) -> list[TaskListing]:
 
 def is_contract(task: str) -> bool:
     """Return whether a task is named by the contract of a robot, see `perdure.robots`."""
-    return task.endswith((".yaml", ".yml"))
+    if task.endswith((".yaml", ".yml")):
+        return True
+    # Other formats are asked for only where a name has an ending: it means an import.
+    return re.search(r"\.[a-z]\w*$", task) is not None and task.endswith(import_module(READERS).suffixes())
 
 
 def is_task(name: str) -> bool:

@@ -19,7 +19,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.disturbances import CALM, STANDARD, STANDARDS, Disturbance, labels, parse_disturbances
+from perdure.disturbances import (
+    CALM,
+    STANDARD,
+    STANDARDS,
+    Disturbance,
+    check_onsets,
+    labels,
+    parse_disturbances,
+    split_text,
+)
 from perdure.envs import FloatArray, TaskSpec, World, make_world, report_success
 from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.world import MAX_SEED
@@ -159,6 +168,7 @@ class Extrapolation:
             warnings.warn(f"not applied: {why}; name disturbances that it should meet", PerdureWarning, stacklevel=3)
             return [replace(asked[0], not_applied=why)]
         for each in asked:
+            check_onsets(each.disturbances, each.steps)
             if each.label in STANDARDS:
                 able = tuple(one for one in each.disturbances if _refusal(make, [one]) is None)
                 rest = ", ".join(one.name for one in each.disturbances if one not in able)
@@ -205,9 +215,12 @@ def _refusal(make: Make, disturbances: Sequence[Disturbance]) -> PerdureError | 
 
 
 def _levels(text: str) -> list[str]:
-    """Return "push:0.2,0.4" as "push:0.2" and "push:0.4"."""
-    name, colon, levels = text.partition(":")
-    return [f"{name}{colon}{level}" for level in levels.split(",")]
+    """Return "push:0.2,0.4" as "push:0.2" and "push:0.4", and "push:0.2,0.4@100" as those of "@100"."""
+    name, levels, time = split_text(text)
+    if not levels:
+        return [text]
+    end = f"@{time}" if "@" in text else ""
+    return [f"{name}:{level}{end}" for level in levels.split(",")]
 
 
 def whole(name: str, value: Any, least: int) -> int:

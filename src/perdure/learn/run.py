@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.disturbances import parse_disturbances
+from perdure.disturbances import check_onsets, parse_disturbances
 from perdure.envs import TaskSpec, make_world, task_spec
 from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
@@ -90,6 +90,7 @@ class TrainRun:
 
     def __post_init__(self) -> None:
         disturbances = parse_disturbances(self.disturb)
+        check_onsets(disturbances, self.config.protocol.horizon.longest)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
         usual = usual_preset(self.task) if self.config.presets else ZOO
