@@ -119,7 +119,7 @@ def extrapolate(
     """
     from perdure.envs import module_of, task_of_environment
     from perdure.evaluate import extrapolate as evaluate
-    from perdure.evaluate.stored import takes_clock
+    from perdure.evaluate.run import takes_clock
     from perdure.evaluate.watch import add_stills
     from perdure.policy.onnx import is_onnx
     from perdure.runs.progress import show_progress
@@ -323,7 +323,7 @@ def watch(
     """
     from perdure.envs import task_of_environment
     from perdure.evaluate import watch as films
-    from perdure.evaluate.stored import load, read_file
+    from perdure.evaluate.run import load, read_file
     from perdure.policy import find_policy
     from perdure.policy.onnx import is_onnx, model_digest
 
