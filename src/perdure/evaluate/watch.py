@@ -32,7 +32,7 @@ from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
 from perdure.evaluate.reference import idle_baseline, task_env, with_reference
-from perdure.evaluate.stored import read_file
+from perdure.evaluate.run import read_file
 from perdure.evaluate.table import episode_table, file_note, judge_table
 from perdure.evaluate.verdict import ScoreScale, make_score_scale, published_rate
 from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, annotate, check_film, save_picture, tile, write_film

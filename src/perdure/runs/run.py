@@ -59,6 +59,7 @@ def run_missing(
     cores: int | None = None,
     observe: Observer = lambda status: None,
     waiting: Callable[[], None] = lambda: None,
+    keep_going: bool = True,
 ) -> None:
     """Run every unit that is not finished; start nothing if all are. The same call resumes a killed one.
 
@@ -73,6 +74,7 @@ def run_missing(
         observe: Called with the status of all units, about four times a second and at every report in this process.
         waiting: Called once, before waiting for units that other commands run, unless a unit has failed. What it raises
             ends the run.
+        keep_going: False: what a unit raises in this process ends the run at once.
 
     Raises:
         PerdureError: Units failed (raised when nothing more can be run), `on` or `cores` is out of range, a unit cannot
@@ -85,7 +87,7 @@ def run_missing(
     workers = make_workers(on, missing, cores)
     run = _Run(units, store, observe, waiting)
     if workers is None:
-        run.run_here(core_count(cores))
+        run.run_here(core_count(cores), keep_going)
     else:
         with workers:
             run.run_on(workers)
@@ -124,7 +126,7 @@ class _Run:
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
 
-    def run_here(self, threads: int) -> None:
+    def run_here(self, threads: int, keep_going: bool) -> None:
         """Run everything in this process, the unit that is furthest behind first."""
         self._observe(self._status)
         while True:
@@ -138,6 +140,8 @@ class _Run:
                 result = attempt(self._store.root, unit, threads, self._reporter(unit.key))
                 self._record_end(Ended(unit.key, result))
             except Exception as error:
+                if not keep_going:
+                    raise
                 self._errors[unit.key] = error
                 self._record_end(Ended(unit.key, None, one_line(error)))
             self._observe(self._status)

@@ -24,7 +24,7 @@ from perdure.cli.show import model_text
 from perdure.cli.subjects import policy_files
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import Extrapolation, evaluate_files
-from perdure.evaluate.stored import load
+from perdure.evaluate.run import load
 from perdure.policy import Policy, load_policy
 from perdure.policy.onnx import OnnxModel, metadata, model_digest
 from perdure.policy.readers import find_models, import_once, import_rsl_rl
