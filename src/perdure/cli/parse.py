@@ -171,11 +171,15 @@ def deferred(function: Callable[..., T], listings: Mapping[str, str]) -> Callabl
     bind.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
     bind.__annotations__ = {each.name: hints[each.name] for each in shown}
     # tyro keeps the line breaks inside the description of a parameter.
-    text = re.sub(r"\n {8,}", " ", inspect.getdoc(function) or "")
+    bind.__doc__ = _filled(re.sub(r"\n {8,}", " ", inspect.getdoc(function) or ""), listings)
+    return bind
+
+
+def _filled(text: str, listings: Mapping[str, str]) -> str:
+    """Return a help text with the lists in place of their names."""
     for placeholder, listing in listings.items():
         text = text.replace(placeholder, listing)
-    bind.__doc__ = text
-    return bind
+    return text
 
 
 def field_texts(kind: type) -> dict[str, str]:
