@@ -16,12 +16,13 @@ from perdure.home.sim.apartments import cut_away
 from perdure.home.sim.arrays import FloatArray, Vec3
 from perdure.home.sim.objects import short_name
 from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.simulator import Simulator
 from perdure.home.tasks.episodes import Episode, episode_scene, start_pose
 from perdure.home.tasks.tasks import AT
 
-CAMERAS = dict.fromkeys(("doll_house", "plan", "follow", "head", "hand"))
+CAMERAS = dict.fromkeys(("doll_house", "plan", "follow", *ROBOT.cameras))
 """The whole apartment like a doll's house or from above, the robot from where it is seen best, its own two cameras."""
 LARGEST = 4096
 NEAR = 0.02
@@ -182,7 +183,7 @@ class Studio(Renderer):
         made, apartment = m.MjvCamera(), self.simulator.scene.apartment
         if isinstance(camera, str):
             lookup(CAMERAS, camera, "camera")
-        if camera in ("head", "hand"):
+        if camera in ROBOT.cameras:
             made.type, made.fixedcamid = m.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
         else:
             if camera == "follow":

@@ -41,7 +41,7 @@ class SkillAgent(Protocol):
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
+        """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), action size)."""
 
     def overtime(self, lane: int) -> bool:
         """Return whether a lane needs more time than the skill's limit, to put down what it holds."""
@@ -49,7 +49,7 @@ class SkillAgent(Protocol):
 
 
 Motion = Generator[FloatArray, None, None]
-"""Actions of one lane, one for each control step. Shape (11,)."""
+"""Actions of one lane, one for each control step. Shape (action size,)."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class LaneView:
 
     @property
     def arm(self) -> FloatArray:
-        """Targets of the arm's servos in [rad]. Shape (7,)."""
+        """Targets of the arm's servos in [rad]. Shape (joints,)."""
         return np.asarray(self.state.arm_target[0])
 
 

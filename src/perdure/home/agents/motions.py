@@ -16,19 +16,16 @@ from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.kinematics import damped_inverse, gripper_pose, pose_and_jacobian, reach_many
 from perdure.home.sim.occupancy import FreeSpace
 from perdure.home.sim.pieces import FRIDGE_DOOR, Pose
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import wrap
 from perdure.home.sim.simulator import (
     ACTION_SIZE,
     ARM,
-    ARM_FROM,
     ARM_STEP,
-    ARM_TO,
     FORWARD,
     GRIP,
     LEAVE,
-    TORSO,
     TURN,
     Simulator,
 )
@@ -62,7 +59,7 @@ class CollisionQuery:
         return bool((np.abs(local[:2]) < 0.35).all())
 
     def depth(self, base: Pose, arm: ArrayLike, firm: int = -1) -> float:
-        """Return the penetration of the robot and the held object at a pose in [m], 0 for free; arm of shape (7,).
+        """Return the penetration of the robot and the held object at a pose in [m], 0 for free; arm of shape (joints,).
 
         `firm` is the number of an object that must not be pushed aside.
         """
@@ -70,7 +67,8 @@ class CollisionQuery:
         data.qpos[:] = self._start
         robot = data.qpos[scene.robot_qpos]
         robot[:3] = base.x, base.y, base.yaw
-        robot[TORSO], robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
+        robot[ROBOT.torso_column] = ROBOT.torso_height
+        robot[ROBOT.arm_columns] = arm
         if self._held >= 0:
             position, rotation = gripper_in_room(base, np.asarray(arm, dtype=np.float64))
             address = scene.object_qpos[self._held]
@@ -105,7 +103,7 @@ class CollisionQuery:
 
 def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
-    position, rotation = gripper_pose(TORSO_HEIGHT, arm)
+    position, rotation = gripper_pose(ROBOT.torso_height, arm)
     cos, sin = np.cos(base.yaw), np.sin(base.yaw)
     about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return base.to_room(position), about_z @ rotation
@@ -155,7 +153,7 @@ class View(LaneView):
 
 
 def arm_step(way: FloatArray) -> FloatArray:
-    """Return the joint steps of a way, shortened so that no joint moves farther than the benchmark allows. (7,)."""
+    """Return the joint steps of a way, shortened so that no joint moves farther than allowed. Shape (joints,)."""
     return way / max(1.0, float(np.abs(way).max()) / ARM_STEP)
 
 
@@ -176,9 +174,9 @@ def move_arm(
 
 
 def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
-    """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (7,)."""
+    """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (joints,)."""
     same = pose.copy()
-    same[ROLLS] += 2.0 * np.pi * np.round((now - pose)[ROLLS] / (2.0 * np.pi))
+    same[ROBOT.continuous] += 2.0 * np.pi * np.round((now - pose)[ROBOT.continuous] / (2.0 * np.pi))
     return same
 
 
@@ -192,7 +190,7 @@ def settled(view: View, steps: int = 10) -> Motion:
 
 def rest_arm(view: View) -> Motion:
     """Move the arm to its pose of rest, rolls the shorter way round."""
-    yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
+    yield from move_arm(view, [ROBOT.rest_arm], settle=15)
 
 
 def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = lambda: False) -> Motion:
@@ -293,12 +291,12 @@ class Stuck:
 
 
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
-    """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (7,).
+    """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (joints,).
 
     Damped least squares; what the three equations leave open draws the arm to its pose of rest. `tool` is the point of
     the hand, from the gripper point along the gripper's axes; `speed` in [m/s] is the largest. Points of shape (3,).
     """
-    position, rotation, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
+    position, rotation, matrix = pose_and_jacobian(ROBOT.torso_height, view.arm)
     arm = rotation @ tool
     away = view.base.to_local(point) - position - arm
     far = float(np.linalg.norm(away))
@@ -306,8 +304,8 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     rows = matrix[:3] + np.cross(matrix[3:].T, arm).T
     inverse = damped_inverse(rows, 0.03)
     home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
-    step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
-    return np.asarray(np.clip(view.arm + arm_step(step), ARM_LOW, ARM_HIGH) - view.arm)
+    step = inverse @ away + (np.eye(len(ROBOT.arm)) - inverse @ rows) @ home
+    return np.asarray(np.clip(view.arm + arm_step(step), ROBOT.arm_low, ROBOT.arm_high) - view.arm)
 
 
 def together(first: Motion, second: Motion) -> Motion:
@@ -320,8 +318,6 @@ DEPTH_COST = 1e4
 """Cost of a meter of penetration in control steps."""
 FARTHEST = 1.2
 """Largest horizontal distance in [m] for which inverse kinematics is tried."""
-OTHER_STARTS = ((-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067), (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5))
-"""Start poses of inverse kinematics besides the rest pose."""
 PER_STAND = 25
 """Plans tested at one standing place: an obstacle for one of them blocks most of the others."""
 FINE_POINTS = 25
@@ -396,7 +392,7 @@ def plan_reach(
     """
     best: ReachPlan | None = None
     blocked: dict[Pose, float] = {}
-    rest = np.array(REST_ARM)
+    rest = ROBOT.rest_arm
     tried: Counter[Pose] = Counter()
     for stand, via, end, steps, back in _reachable(query, list(stands), gripper_goals):
         tried[stand] += 1
@@ -473,9 +469,9 @@ def _reachable(
     points = np.array([s.to_local(w.point) for s, w in pairs])
     vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
     approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
-    upright, rest = pairs[0][1].upright, np.array(REST_ARM)
+    upright, rest = pairs[0][1].upright, ROBOT.rest_arm
     # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
-    starts = (REST_ARM, *OTHER_STARTS) if upright else (REST_ARM,)
+    starts = (ROBOT.rest_arm, *ROBOT.other_arms) if upright else (ROBOT.rest_arm,)
     pairs = pairs * len(starts)
     points, vias, approach = (np.tile(x, (len(starts), 1)) for x in (points, vias, approach))
     first = np.repeat(np.array(starts), len(points) // len(starts), axis=0)

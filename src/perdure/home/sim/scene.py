@@ -19,7 +19,7 @@ from perdure.home.sim.apartments import build_apartment
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import ROLLING, AppleShape, Placement, add_object
 from perdure.home.sim.pieces import Apartment
-from perdure.home.sim.robot import JOINTS, add_fetch
+from perdure.home.sim.robot import ROBOT, add_fetch
 
 CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""
@@ -162,7 +162,7 @@ class Nearby:
 
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        robot = np.asarray(model.body_rootid == model.body("robot").id)
+        robot = np.asarray(model.body_rootid == model.body(ROBOT.base).id)
         fixed = ~robot
         fixed[object_bodies] = False
         low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
@@ -216,15 +216,15 @@ class Scene:
 
     @cached_property
     def robot_qpos(self) -> slice:
-        """Where the robot's joints stand in `qpos`, in the order of `perdure.home.sim.robot.JOINTS`."""
-        (first,) = self._joint_addresses(JOINTS[:1], "jnt_qposadr")
-        return slice(first, first + len(JOINTS))
+        """Where the robot's joints stand in `qpos`, in the order of `ROBOT.joints`."""
+        (first,) = self._joint_addresses(ROBOT.joint_names[:1], "jnt_qposadr")
+        return slice(first, first + len(ROBOT.joints))
 
     @cached_property
     def robot_qvel(self) -> slice:
         """Where the robot's joints stand in `qvel`."""
-        (first,) = self._joint_addresses(JOINTS[:1], "jnt_dofadr")
-        return slice(first, first + len(JOINTS))
+        (first,) = self._joint_addresses(ROBOT.joint_names[:1], "jnt_dofadr")
+        return slice(first, first + len(ROBOT.joints))
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -257,13 +257,13 @@ class Scene:
     @cached_property
     def robot_geoms(self) -> BoolArray:
         """Which geoms belong to the robot. Shape (geoms,)."""
-        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == self.model.body("robot").id)
+        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == self.model.body(ROBOT.base).id)
 
     @cached_property
     def arm_geoms(self) -> BoolArray:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
         model, inside = self.model, set()
-        first = int(model.body("shoulder_pan_link").id)
+        first = int(model.body(ROBOT.arm[0].body).id)
         for body in range(first, model.nbody):  # a body comes after its parent
             if body == first or int(model.body_parentid[body]) in inside:
                 inside.add(body)
@@ -333,13 +333,13 @@ def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
     import mujoco
 
     def hold(body: str, kind: Any, **settings: Any) -> Any:
-        ends = {"objtype": mujoco.mjtObj.mjOBJ_BODY, "name1": "gripper_link", "name2": body}
+        ends = {"objtype": mujoco.mjtObj.mjOBJ_BODY, "name1": ROBOT.gripper, "name2": body}
         return spec.add_equality(name=f"hold/{body}", type=kind, active=False, **ends, **settings)
 
     for number in range(objects):
         weld = hold(f"object_{number}", mujoco.mjtEq.mjEQ_WELD)
         data = np.zeros(len(weld.data))
-        data[3:6], data[6:10], data[10] = spec.site("gripper").pos, (1.0, 0.0, 0.0, 0.0), 1.0
+        data[3:6], data[6:10], data[10] = spec.site(ROBOT.gripper_site).pos, (1.0, 0.0, 0.0, 0.0), 1.0
         weld.data = data
     for moving in apartment.articulations:
         hold(moving.link, mujoco.mjtEq.mjEQ_CONNECT, solref=HANDLE_SOLREF)

@@ -12,7 +12,8 @@ import numpy as np
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
 from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footprints
 from perdure.home.sim.pieces import Apartment
-from perdure.home.sim.simulator import ARM_FROM, ARM_TO, GRASP_RADIUS, Simulator
+from perdure.home.sim.robot import ROBOT
+from perdure.home.sim.simulator import GRASP_RADIUS, Simulator
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,9 @@ class PrivilegedState(Rows):
     base_velocity: FloatArray
     """Forward, to the left, turning. Shape (n, 3)."""
     arm: FloatArray
-    """Arm joint angles. Shape (n, 7)."""
+    """Arm joint angles. Shape (n, joints)."""
     arm_target: FloatArray
-    """Targets of the arm's servos. Shape (n, 7)."""
+    """Targets of the arm's servos. Shape (n, joints)."""
     gripper_in_base: FloatArray
     """The gripper point in the base frame. Shape (n, 3)."""
     gripper_rotation: FloatArray
@@ -193,10 +194,15 @@ def read_state(
         neighbors: Whether the surroundings of each lane's target are looked at. Shape (n,).
     """
     n, gripper = len(lanes), known["gripper"]
-    robot, velocity, axes, pose = np.empty((n, ARM_TO)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 7))
+    robot, velocity, axes, pose = (
+        np.empty((n, len(ROBOT.joints))),
+        np.empty((n, 3)),
+        np.empty((n, 3, 3)),
+        np.empty((n, 7)),
+    )
     handle, link, hold = np.zeros((n, 3)), np.zeros((n, 2)), gripper.copy()
     for row, (lane, goal) in enumerate(zip(lanes, goals, strict=True)):
-        robot[row], velocity[row], axes[row] = lane.robot[:ARM_TO], lane.robot_velocity[:3], lane.gripper_axes
+        robot[row], velocity[row], axes[row] = lane.robot, lane.robot_velocity[:3], lane.gripper_axes
         there = 0 <= goal.target < len(lane.scene.placements)
         pose[row] = lane.object(goal.target)[0] if there else _NO_OBJECT
         if goal.link >= 0:
@@ -227,7 +233,7 @@ def read_state(
         handle_distance=around[2],
         base=base,
         base_velocity=moving,
-        arm=robot[:, ARM_FROM:ARM_TO],
+        arm=robot[:, ROBOT.arm_columns],
         gripper_in_base=turn(gripper - floor, -base[:, 2]),
         gripper_rotation=rotation,
         held=np.array([lane.held for lane in lanes], dtype=np.int64),

@@ -14,12 +14,16 @@ from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.geoms import OBJECT_BIT
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, HABITAT_DRAG, MOVED, Scene
 
-ACTION_SIZE = 11
-FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
-"""Parts of an action, eleven numbers from -1 to 1: base forward, base turn, seven arm joints, gripper, "stop"."""
+ACTION_SIZE = ROBOT.action_size
+FORWARD = ROBOT.action.forward
+TURN = ROBOT.action.turn
+ARM = ROBOT.action.arm
+GRIP = ROBOT.action.grip
+STOP = ROBOT.action.stop
+"""Columns of an action, numbers from -1 to 1: base forward, base turn, the joints of the arm, gripper, "stop"."""
 STOP_LEVEL = 0.9
 """Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (our
 choice; M3 has a discrete action for it)."""
@@ -34,8 +38,6 @@ GRASP, RELEASE, LEAVE = 1.0, -1.0, 0.0
 """Gripper: above 0 grasps, below 0 releases (M3's signs; the thesis has them the other way round), 0 does nothing."""
 GRASP_RADIUS = 0.15
 """How near a handle or an object's middle must be to the gripper point to be grasped, in [m] (M3, habitat-lab)."""
-ARM_FROM, ARM_TO = JOINTS.index("shoulder_pan_joint"), JOINTS.index("wrist_roll_joint") + 1
-TORSO = JOINTS.index("torso_lift_joint")
 
 
 class Simulator:
@@ -54,7 +56,7 @@ class Simulator:
         self.ctrl: FloatArray = self.data.ctrl
         self.robot: FloatArray = self.qpos[scene.robot_qpos]
         self.robot_velocity: FloatArray = self.qvel[scene.robot_qvel]
-        gripper = int(self.model.site("gripper").id)
+        gripper = int(self.model.site(ROBOT.gripper_site).id)
         self.gripper: FloatArray = self.data.site_xpos[gripper]
         """The gripper point in the room, as of the last step's end. Shape (3,)."""
         self.gripper_axes: FloatArray = self.data.site_xmat[gripper].reshape(3, 3)
@@ -72,11 +74,11 @@ class Simulator:
     def reset(
         self,
         base: Pose,
-        arm: ArrayLike = REST_ARM,
+        arm: ArrayLike = ROBOT.rest_arm,
         opened: Mapping[str, float] | None = None,
         moved: Mapping[int, Placement] | None = None,
     ) -> None:
-        """Reset to the start of an episode: base pose, joint angles of the arm (7,), drawers and doors by link name.
+        """Reset to the start of an episode: base pose, joint angles of the arm, drawers and doors by link name.
 
         Links that are not named take the scene's own positions; so do objects that `moved` does not place by number.
         """
@@ -94,8 +96,9 @@ class Simulator:
             self.object(number)[0][:] = *placement.position, *placement.quaternion
         self.robot[:] = 0.0
         self.robot[:3] = base.x, base.y, base.yaw
-        self.robot[TORSO], self.robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
-        self.robot[ARM_TO:] = OPEN
+        self.robot[ROBOT.torso_column] = ROBOT.torso_height
+        self.robot[ROBOT.arm_columns] = arm
+        self.robot[ROBOT.finger_columns] = ROBOT.finger_opening
         self.ctrl[:] = self.robot
         self.ctrl[:3] = 0.0
         self._mujoco.mj_forward(self.model, self.data)
@@ -172,7 +175,7 @@ class Simulator:
         equality = self.scene.hold(self.scene.links[link])
         body = self.data.body(self.scene.links[link])
         self._mujoco.mj_kinematics(self.model, self.data)
-        self.model.eq_data[equality, :3] = in_gripper + self.model.site("gripper").pos
+        self.model.eq_data[equality, :3] = in_gripper + self.model.site(ROBOT.gripper_site).pos
         self.model.eq_data[equality, 3:6] = body.xmat.reshape(3, 3).T @ (in_room - body.xpos)
         self.data.eq_active[equality] = 1
 

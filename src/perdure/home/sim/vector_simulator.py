@@ -14,15 +14,13 @@ from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, Scene
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, read_state
 from perdure.home.sim.simulator import (
     ACTION_SIZE,
     ARM,
-    ARM_FROM,
     ARM_STEP,
-    ARM_TO,
     BASE_SPEED,
     FORWARD,
     GRIP,
@@ -61,7 +59,7 @@ class VectorSimulator:
         self._starts: dict[int, _Start] = {}
         self._skill_goal = [SkillGoal()] * lanes
         self._known: dict[str, NDArray[Any]] = {
-            "arm_target": np.zeros((lanes, 7)),
+            "arm_target": np.zeros((lanes, len(ROBOT.arm))),
             "gripper": np.zeros((lanes, 3)),
             "gripper_velocity": np.zeros((lanes, 3)),
             "contact_force": np.zeros(lanes),
@@ -75,7 +73,7 @@ class VectorSimulator:
         lane: int,
         scene: Scene,
         base: Pose,
-        arm: ArrayLike = REST_ARM,
+        arm: ArrayLike = ROBOT.rest_arm,
         opened: Mapping[str, float] | None = None,
         held: int = -1,
         skill_goal: SkillGoal | None = None,
@@ -87,7 +85,7 @@ class VectorSimulator:
             lane: Which lane.
             scene: What it is made of. Simulators of scenes that were left are kept for their next episode.
             base: Where the robot stands.
-            arm: Its arm's joint angles. Shape (7,).
+            arm: Its arm's joint angles. Shape (joints,).
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
             held: Number of the object in the gripper, -1 for none.
             skill_goal: The goal of its skill.
@@ -130,7 +128,7 @@ class VectorSimulator:
         """Run one control step: gripper, arm and base commands, then physics (M3's order).
 
         Args:
-            actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, 11).
+            actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, action size).
             lanes: Which lanes to step, all when None. Shape (m,).
             base_speed: Speed of a base action of 1 in [m/s] and [rad/s]. Shape (m,).
             arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).
@@ -195,7 +193,7 @@ class VectorSimulator:
 
     def _command(self, chosen: IntArray, actions: FloatArray, speed: FloatArray, arm_step: FloatArray) -> None:
         arm_target = self._known["arm_target"]
-        target = np.clip(arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ARM_LOW, ARM_HIGH)
+        target = np.clip(arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ROBOT.arm_low, ROBOT.arm_high)
         arm_target[chosen] = target
         grip = actions[:, GRIP]
         stopped = actions[:, STOP] > STOP_LEVEL
@@ -208,7 +206,7 @@ class VectorSimulator:
                 simulator.grasp(simulator.gripper, simulator.gripper_axes, simulator.handles)
             elif grip[row] < 0.0:
                 simulator.release()
-            simulator.ctrl[ARM_FROM:ARM_TO] = target[row]
+            simulator.ctrl[ROBOT.arm_columns] = target[row]
             simulator.drive(forward[row], turning[row])
 
     def _step_some(self, chosen: IntArray) -> None:

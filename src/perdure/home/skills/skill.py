@@ -16,7 +16,7 @@ import numpy as np
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import BEAMS, SCAN_RANGE, PrivilegedState, SkillGoal, norm, wrap
 from perdure.home.sim.simulator import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP
 from perdure.home.skills import starts
@@ -163,7 +163,7 @@ def unit(axes: FloatArray) -> FloatArray:
 
 def rest_distance(state: PrivilegedState) -> FloatArray:
     """Return d_ee^r, the distance of the gripper point from its rest position in [m]. Shape (n,)."""
-    return norm(state.gripper_in_base - np.asarray(REST_POSITION))
+    return norm(state.gripper_in_base - ROBOT.rest_position)
 
 
 def _point(state: PrivilegedState, points: FloatArray) -> list[FloatArray]:
@@ -176,7 +176,7 @@ def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray
         _wrapped(state.arm),
         state.arm_target - state.arm,
         state.base_velocity[:, [0, 2]],
-        np.asarray(REST_POSITION) - state.gripper_in_base,
+        ROBOT.rest_position - state.gripper_in_base,
         rest_distance(state),
         rotation[:, :, 0],
         rotation[:, :, 2],
@@ -186,7 +186,7 @@ def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray
 def _wrapped(arm: FloatArray) -> FloatArray:
     """Return arm angles with those of unlimited joints in [-pi, pi)."""
     result = arm.copy()
-    result[:, ROLLS] = wrap(result[:, ROLLS])
+    result[:, ROBOT.continuous] = wrap(result[:, ROBOT.continuous])
     return result
 
 
@@ -195,13 +195,13 @@ def _closeness(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     ranges = state.scan
     before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)
     nearest = np.minimum(np.minimum(before, ranges), after)[:, ::2]
-    return [np.clip(1.0 - (nearest - BASE_RADIUS) / SECTOR_DEPTH, 0.0, 1.0)]
+    return [np.clip(1.0 - (nearest - ROBOT.base_radius) / SECTOR_DEPTH, 0.0, 1.0)]
 
 
 PROPRIOCEPTION = ObservationTerm(
     (
-        *(Element(name, f"angle of {name}", "rad", -np.pi, np.pi) for name in ARM_JOINTS),
-        *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ARM_JOINTS),
+        *(Element(name, f"angle of {name}", "rad", -np.pi, np.pi) for name in ROBOT.arm_names),
+        *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ROBOT.arm_names),
         Element("base_forward", "forward speed of the base", "m/s"),
         Element("base_turn", "turning speed of the base", "rad/s"),
         *vector("to_rest", "vector from the gripper point to its rest position, base frame"),
@@ -280,7 +280,7 @@ class Skill(ABC):
     """Speed for a base action of 1 in [m/s] and [rad/s]."""
     arm_step: ClassVar[float] = ARM_STEP
     """Change of a joint's servo target for an arm action of 1 in [rad] per step."""
-    scan_reach: ClassVar[float] = BASE_RADIUS + SECTOR_DEPTH
+    scan_reach: ClassVar[float] = ROBOT.base_radius + SECTOR_DEPTH
     """Range of the scan around the base in [m], 0 for no scan. Obstacles farther away must not change the observation:
     the executor scans once for all skills, with the largest range."""
     needs_neighbors: ClassVar[bool] = False
@@ -356,11 +356,14 @@ class Skill(ABC):
         return {}
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
-        """Return the actions without what the skill forbids. Shape (n, 11)."""
+        """Return the actions without what the skill forbids. Shape (n, action size)."""
         return actions
 
     def expand_action(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
-        """Return the robot's actions from a policy's: its `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
+        """Return the robot's actions from a policy's: its `active_columns`, 0 elsewhere.
+
+        Shape (n, m) -> (n, action size).
+        """
         full = np.zeros((len(actions), ACTION_SIZE))
         full[:, list(self.active_columns)] = actions
         return full

@@ -23,7 +23,7 @@ from perdure.home.sim.kinematics import gripper_pose, toward
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import FreeSpace, free_space
 from perdure.home.sim.pieces import Apartment, Pose
-from perdure.home.sim.robot import REST_ARM, REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import Scene
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import Simulator
@@ -40,7 +40,7 @@ class Start:
 
     base: Pose
     arm: FloatArray
-    """Joint angles. Shape (7,)."""
+    """Joint angles of the arm. Shape (joints,)."""
     skill_goal: SkillGoal
     opened: Mapping[str, float] = field(default_factory=dict)
     """Positions of drawers and doors that differ from the episode's, by link name."""
@@ -122,21 +122,24 @@ REACHED = 0.001
 
 
 def draw_arm(rng: np.random.Generator) -> FloatArray:
-    """Draw joint angles with the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m. Shape (7,)."""
+    """Draw joint angles of the arm: the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m.
+
+    Shape (joints,).
+    """
     poses = rest_poses()
     return np.asarray(poses[int(rng.integers(len(poses)))])
 
 
 @lru_cache(maxsize=1)
 def rest_poses() -> FloatArray:
-    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. (n, 7)."""
+    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. (n, joints)."""
     rng = np.random.Generator(np.random.PCG64(0))
-    points = np.asarray(REST_POSITION) + np.clip(rng.normal(0.0, SPREAD, (REST_POSES, 3)), -FARTHEST, FARTHEST)
-    arm = np.tile(REST_ARM, (REST_POSES, 1))
-    upright = gripper_pose(TORSO_HEIGHT, np.asarray(REST_ARM))[1]
+    points = ROBOT.rest_position + np.clip(rng.normal(0.0, SPREAD, (REST_POSES, 3)), -FARTHEST, FARTHEST)
+    arm = np.tile(ROBOT.rest_arm, (REST_POSES, 1))
+    upright = gripper_pose(ROBOT.torso_height, ROBOT.rest_arm)[1]
     for _ in range(30):
-        arm = arm + toward(arm, points - gripper_pose(TORSO_HEIGHT, arm)[0], rotation=upright, largest=0.2)
-    reached = np.abs(points - gripper_pose(TORSO_HEIGHT, arm)[0]).max(axis=1) < REACHED
+        arm = arm + toward(arm, points - gripper_pose(ROBOT.torso_height, arm)[0], rotation=upright, largest=0.2)
+    reached = np.abs(points - gripper_pose(ROBOT.torso_height, arm)[0]).max(axis=1) < REACHED
     found: FloatArray = arm[reached]
     found.flags.writeable = False
     return found
