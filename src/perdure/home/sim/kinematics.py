@@ -54,7 +54,10 @@ def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, Flo
     position, rotation, origins, axes = _chain(torso, arm)
     away = position[..., None, :] - origins
     columns = np.empty((*position.shape[:-1], 6, _JOINTS))
-    for row, (first, second) in enumerate(((1, 2), (2, 0), (0, 1))):
+    # The cross product, row by row: each one needs the two other coordinates.
+    for row in range(3):
+        first = (row + 1) % 3
+        second = (row + 2) % 3
         columns[..., row, :] = axes[..., first] * away[..., second] - axes[..., second] * away[..., first]
         columns[..., 3 + row, :] = axes[..., row]
     return position, rotation, columns
@@ -69,37 +72,49 @@ def _chain(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, Fl
     position = np.broadcast_to(np.array(ROBOT.torso.origin), (*batch, 3)).copy()
     position[..., 2] += np.asarray(torso, dtype=np.float64)
     rotation = np.broadcast_to(np.eye(3), (*batch, 3, 3)).copy()
-    cos, sin = np.cos(angles), np.sin(angles)
-    origins, axes = np.empty((*batch, _JOINTS, 3)), np.empty((*batch, _JOINTS, 3))
+    cos = np.cos(angles)
+    sin = np.sin(angles)
+    origins = np.empty((*batch, _JOINTS, 3))
+    axes = np.empty((*batch, _JOINTS, 3))
     for i, axis in enumerate(_AXES):
         position += rotation @ _OFFSETS[i]
-        origins[..., i, :], axes[..., i, :] = position, rotation[..., :, axis]
+        origins[..., i, :] = position
+        axes[..., i, :] = rotation[..., :, axis]
         _turn(rotation, axis, cos[..., i, None], sin[..., i, None])
     return position + rotation @ _GRIPPER_POINT, rotation, origins, axes
 
 
 def _turn(rotation: FloatArray, axis: int, cos: FloatArray, sin: FloatArray) -> None:
     """Turn frames about one of their own axes, in place."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    u, v = rotation[..., :, first].copy(), rotation[..., :, second].copy()
+    first = (axis + 1) % 3
+    second = (axis + 2) % 3
+    u = rotation[..., :, first].copy()
+    v = rotation[..., :, second].copy()
     rotation[..., :, first] = cos * u + sin * v
     rotation[..., :, second] = cos * v - sin * u
 
 
 LARGEST = 0.025
 """Largest joint step of `toward` in [rad]: the benchmark's largest command."""
-CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
+CLOSE_M = 1e-4
+CLOSE_RAD = 1e-3
 """Errors of `reach` below which a pose counts as reached."""
-TOWARD_DAMPING, REACH_DAMPING, MANY_DAMPING = 0.01, 1e-3, 0.05
+TOWARD_DAMPING = 0.01
+REACH_DAMPING = 1e-3
+MANY_DAMPING = 0.05
 """d of each solver (our choice, as all that follows)."""
 DAMPING_PER_ERROR = 0.03
 """What `reach` adds to d, in squares: this share of the norm of the weighted error (Sugihara, 2011)."""
-TOWARD_TURN, REACH_TURN = 0.3, 0.5
+TOWARD_TURN = 0.3
+REACH_TURN = 0.5
 """Meters that a radian of the gripper weighs as much as."""
-REACH_LARGEST, MANY_LARGEST = 0.4, 0.3
+REACH_LARGEST = 0.4
+MANY_LARGEST = 0.3
 """Largest joint step of one iteration in [rad]."""
-_MANY_LONGEST = 0.15, 0.5
-"""Largest displacement in [m] and turn in [rad] that one iteration of `reach_many` asks for."""
+MANY_LONGEST = 0.15
+"""Largest displacement in [m] that one iteration of `reach_many` asks for."""
+MANY_TURN = 0.5
+"""Largest turn in [rad] that one iteration of `reach_many` asks for."""
 
 
 def toward(
@@ -123,13 +138,16 @@ def toward(
     Raises:
         PerdureError: When `arm` or `displacement` has a wrong shape or `largest` is not positive.
     """
-    angles, move = np.asarray(arm, dtype=np.float64), np.asarray(displacement, dtype=np.float64)
+    angles = np.asarray(arm, dtype=np.float64)
+    move = np.asarray(displacement, dtype=np.float64)
     if move.shape[-1:] != (3,):
         raise PerdureError(f"displacement must have shape (..., 3), got {move.shape}")
     if not largest > 0.0:
         raise PerdureError(f"largest must be positive, got {largest}")
     _, now, matrix = pose_and_jacobian(ROBOT.torso_height, angles)
-    turn = np.zeros(3) if rotation is None else rotation_vector(now, rotation)
+    turn = np.zeros(3)
+    if rotation is not None:
+        turn = rotation_vector(now, rotation)
     batch = np.broadcast_shapes(matrix.shape[:-2], move.shape[:-1], turn.shape[:-1])
     motion = np.concatenate([np.broadcast_to(move, (*batch, 3)), np.broadcast_to(turn, (*batch, 3))], axis=-1)
     step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, _JOINTS)), TOWARD_TURN, TOWARD_DAMPING)
@@ -155,7 +173,8 @@ def reach_many(
     wanted = _upright(approach) if upright else None
     for _ in range(iterations):
         way, turn, matrix = _error(points, wanted, approach, arm)
-        way, turn = (_shorten(each, _length(each), most) for each, most in zip((way, turn), _MANY_LONGEST, strict=True))
+        way = _shorten(way, _length(way), MANY_LONGEST)
+        turn = _shorten(turn, _length(turn), MANY_TURN)
         step = damped_step(matrix, np.concatenate([way, turn], axis=1), MANY_DAMPING)
         arm = np.clip(
             arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), MANY_LARGEST), ROBOT.arm_low, ROBOT.arm_high
@@ -176,12 +195,14 @@ def reach(position: FloatArray, rotation: FloatArray, start: FloatArray) -> tupl
         Joint angles (joints,), remaining distance in [m] and remaining turn in [rad].
     """
     arm = np.clip(start, ROBOT.arm_low, ROBOT.arm_high)[None]
-    best, errors = arm, np.full(2, np.inf)
+    best = arm
+    errors = np.full(2, np.inf)
     for _ in range(61):
         way, turn, matrix = _error(position, rotation, rotation[:, 0], arm)
         now = np.concatenate([_length(way), _length(turn)], axis=1)[0]
         if now @ (1.0, REACH_TURN) < errors @ (1.0, REACH_TURN):
-            best, errors = arm, now
+            best = arm
+            errors = now
         if (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
             break
         motion = np.concatenate([way, turn], axis=1)
@@ -204,7 +225,9 @@ def damped_step(
     Returns:
         Shape (..., n).
     """
-    used = matrix if free is None else matrix * free[..., None, :]
+    used = matrix
+    if free is not None:
+        used = matrix * free[..., None, :]
     square = used @ np.swapaxes(matrix, -1, -2) + np.asarray(damping**2)[..., None, None] * np.eye(matrix.shape[-2])
     return (np.swapaxes(used, -1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
 
@@ -232,9 +255,11 @@ def _step_within_limits(
 ) -> FloatArray:
     """Return the step that makes the motion as well as the limits allow; free joints make up for joints at a limit."""
     weights = np.array([1.0] * 3 + [turn_weight] * 3)
-    matrix, motion = weights[:, None] * matrix, weights * motion
+    matrix = weights[:, None] * matrix
+    motion = weights * motion
     damping = np.hypot(least, per_error * np.linalg.norm(motion, axis=-1))
-    step, free = np.zeros_like(angles), np.ones_like(angles)
+    step = np.zeros_like(angles)
+    free = np.ones_like(angles)
     for _ in range(4):  # at most three joints reach their limits in one step, as a rule; the last clip is always made
         rest = motion - (matrix @ (step * (1.0 - free))[..., None])[..., 0]
         wanted = np.where(free > 0.0, damped_step(matrix, rest, damping, free), step)
