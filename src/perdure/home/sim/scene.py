@@ -65,7 +65,9 @@ class WorldOptions:
     @property
     def words(self) -> tuple[str, ...]:
         """What is unusual in words for names: ("drag", "240-hz"), ("rolling-0.4-mm",)."""
-        rolling = f"rolling-{1000.0 * self.rolling:g}-mm" if self.rolling else "drag"
+        rolling = "drag"
+        if self.rolling:
+            rolling = f"rolling-{1000.0 * self.rolling:g}-mm"
         numbers = {"physics_hz": f"{self.physics_hz}-hz", "rolling": rolling}
         return tuple({**_WORDS, **numbers}[name] for name in self.unusual)
 
@@ -118,7 +120,8 @@ class Handles:
     def at(self, q: FloatArray | float) -> FloatArray:
         """Return all handles at joint positions, one for each link or one for all. Shape (links, 3)."""
         angle = self.sign * q
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
         points: FloatArray = self.origin + np.asarray(q)[..., None] * self.slide
         points[:, 0] += cos * self.lever[:, 0] - sin * self.lever[:, 1]
         points[:, 1] += sin * self.lever[:, 0] + cos * self.lever[:, 1]
@@ -127,8 +130,8 @@ class Handles:
 
 REACH = 1.6
 """Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
-MOVED = 0.15
-"""Distance in [m] after which the bodies near the base are determined again."""
+NEARBY_LASTS = 0.15
+"""Distance in [m] that the base may go until the bodies near it are determined again."""
 SWING = 1.0
 """Largest displacement of a drawer or door from its compiled position in [m]."""
 
@@ -165,11 +168,17 @@ class Nearby:
         robot = np.asarray(model.body_rootid == model.body(ROBOT.base).id)
         fixed = ~robot
         fixed[object_bodies] = False
-        low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
-        axes, planes = data.geom_xmat.reshape(-1, 3, 3), model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+
+        # Boxes around the geoms, along the axes of the room; a plane has no end.
+        axes = data.geom_xmat.reshape(-1, 3, 3)
+        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         middle = data.geom_xpos + (axes @ model.geom_aabb[:, :3, None])[..., 0]
         half = (np.abs(axes) @ model.geom_aabb[:, 3:, None])[..., 0]
         half[planes] = np.inf
+
+        # A body's box encloses those of its geoms, and wherever it can move.
+        low = np.full((model.nbody, 2), np.inf)
+        high = np.full((model.nbody, 2), -np.inf)
         geoms = fixed[model.geom_bodyid]
         bodies = model.geom_bodyid[geoms]
         np.minimum.at(low, bodies, (middle - half)[geoms, :2])
@@ -180,16 +189,16 @@ class Nearby:
         return Nearby(model.body_contype.copy(), model.body_conaffinity.copy(), low, high, robot, object_bodies)
 
     def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
-        """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
+        """Return which bodies robot or held object can touch before the base has gone `NEARBY_LASTS`. Shape (bodies,).
 
         Middles of the base, shape (2,), and of the objects, shape (objects, 2), in the room.
         """
         away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
-        near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
+        near: BoolArray = (away * away).sum(axis=1) <= (REACH + NEARBY_LASTS) ** 2
         near |= self.robot
         if len(objects):
             apart = objects - base
-            near[self.object_bodies] = (apart * apart).sum(axis=1) <= (REACH + MOVED) ** 2
+            near[self.object_bodies] = (apart * apart).sum(axis=1) <= (REACH + NEARBY_LASTS) ** 2
         return near
 
 
@@ -262,7 +271,8 @@ class Scene:
     @cached_property
     def arm_geoms(self) -> BoolArray:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
-        model, inside = self.model, set()
+        model = self.model
+        inside: set[int] = set()
         first = int(model.body(ROBOT.arm[0].body).id)
         for body in range(first, model.nbody):  # a body comes after its parent
             if body == first or int(model.body_parentid[body]) in inside:
@@ -339,7 +349,9 @@ def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
     for number in range(objects):
         weld = hold(f"object_{number}", mujoco.mjtEq.mjEQ_WELD)
         data = np.zeros(len(weld.data))
-        data[3:6], data[6:10], data[10] = spec.site(ROBOT.gripper_site).pos, (1.0, 0.0, 0.0, 0.0), 1.0
+        data[3:6] = spec.site(ROBOT.gripper_site).pos
+        data[6:10] = (1.0, 0.0, 0.0, 0.0)
+        data[10] = 1.0  # as stiff against turns as against displacements
         weld.data = data
     for moving in apartment.articulations:
         hold(moving.link, mujoco.mjtEq.mjEQ_CONNECT, solref=HANDLE_SOLREF)

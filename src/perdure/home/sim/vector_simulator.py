@@ -52,8 +52,11 @@ class VectorSimulator:
         if lanes < 1:
             raise PerdureError(f"a simulator needs at least one lane, not {lanes}")
         self.num_lanes = lanes
+        self._all = np.arange(lanes)
         self._threads = min(lanes, threads or len(os.sched_getaffinity(0)))
-        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self._pool: ThreadPoolExecutor | None = None
+        if self._threads > 1:
+            self._pool = ThreadPoolExecutor(self._threads)
         self._simulators: list[Simulator | None] = [None] * lanes
         self._idle: list[Simulator] = []
         self._starts: dict[int, _Start] = {}
@@ -93,9 +96,9 @@ class VectorSimulator:
         """
         old = self._simulators[lane]
         if old is None or old.scene is not scene:
-            found = next((k for k, each in enumerate(self._idle) if each.scene is scene), None)
-            self._simulators[lane] = Simulator(scene) if found is None else self._idle.pop(found)
-            self._idle += [] if old is None else [old]
+            self._simulators[lane] = self._simulator_of(scene)
+            if old is not None:
+                self._idle.append(old)
             del self._idle[:-MAX_IDLE]
         self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), dict(moved or {}), held)
         self._skill_goal[lane] = skill_goal or SkillGoal()
@@ -136,7 +139,7 @@ class VectorSimulator:
         Raises:
             PerdureError: If a shape does not fit or an action is not a finite number.
         """
-        chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        chosen = self._all if lanes is None else lanes
         clipped = self._checked(actions, chosen)
         self._command(chosen, clipped, np.broadcast_to(base_speed, len(chosen)), np.broadcast_to(arm_step, len(chosen)))
         if self._pool is None or len(chosen) == 1:
@@ -156,7 +159,7 @@ class VectorSimulator:
                 measured. Shape (m,).
             neighbors: Whether objects and handles around a lane's target are looked for. Shape (m,).
         """
-        chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        chosen = self._all if lanes is None else lanes
         return read_state(
             [self.simulator(number) for number in chosen.tolist()],
             [self._skill_goal[number] for number in chosen.tolist()],
@@ -171,12 +174,24 @@ class VectorSimulator:
             self._pool.shutdown()
             self._pool = None
 
+    def _simulator_of(self, scene: Scene) -> Simulator:
+        """Return an idle simulator of a scene, a new one when there is none."""
+        for number, each in enumerate(self._idle):
+            if each.scene is scene:
+                return self._idle.pop(number)
+        return Simulator(scene)
+
     def _begin(self, number: int) -> None:
+        """Reset a lane's simulator to the start of its episode."""
         base, arm, opened, moved, held = self._starts[number]
-        simulator, known = self.simulator(number), self._known
+        simulator = self.simulator(number)
         simulator.reset(base, arm, opened, moved)
-        known["arm_target"][number], known["gripper"][number] = arm, simulator.gripper
-        known["gripper_velocity"][number], known["contact_force"][number], known["stopped"][number] = 0.0, 0.0, False
+        known = self._known
+        known["arm_target"][number] = arm
+        known["gripper"][number] = simulator.gripper
+        known["gripper_velocity"][number] = 0.0
+        known["contact_force"][number] = 0.0
+        known["stopped"][number] = False
         if held >= 0:
             simulator.hold_object(held, simulator.gripper, simulator.gripper_axes)
             simulator.forward()
@@ -199,7 +214,8 @@ class VectorSimulator:
         stopped = actions[:, STOP] > STOP_LEVEL
         self._known["stopped"][chosen] = stopped
         speed = np.where(stopped, 0.0, speed)
-        forward, turning = actions[:, FORWARD] * speed, actions[:, TURN] * speed
+        forward = actions[:, FORWARD] * speed
+        turning = actions[:, TURN] * speed
         for row, number in enumerate(chosen):
             simulator = self.simulator(number)
             if grip[row] > 0.0:
@@ -220,7 +236,8 @@ class VectorSimulator:
         known = self._known
         for number in chosen.tolist():
             simulator = self.simulator(number)
-            known["diverged"][number] = diverged = simulator.diverged()
+            diverged = simulator.diverged()
+            known["diverged"][number] = diverged
             if diverged:
                 self._begin(number)
             else:
