@@ -66,7 +66,7 @@ class CollisionQuery:
         scene, data = self.simulator.scene, self._data
         data.qpos[:] = self._start
         robot = data.qpos[scene.robot_qpos]
-        robot[:3] = base.x, base.y, base.yaw
+        robot[:3] = (base.x, base.y, base.yaw)
         robot[ROBOT.torso_column] = ROBOT.torso_height
         robot[ROBOT.arm_columns] = arm
         if self._held >= 0:
@@ -79,10 +79,13 @@ class CollisionQuery:
         return self._deepest(firm)
 
     def _deepest(self, firm: int) -> float:
-        scene, contact = self.simulator.scene, self._data.contact
-        geoms, distance = contact.geom, contact.dist
+        scene = self.simulator.scene
+        geoms = self._data.contact.geom
+        distance = self._data.contact.dist
         if not len(distance):
             return 0.0
+
+        # Contacts between the robot with what it holds, and anything else.
         robot = scene.robot_geoms[geoms]
         ours = robot.any(axis=1)
         if self._held >= 0:
@@ -93,18 +96,22 @@ class CollisionQuery:
         if firm >= 0:
             loose &= ~np.isin(geoms, scene.object_geoms[firm]).any(axis=1)
         deep = np.maximum(-distance - TOLERATED_DEPTH, 0.0) * np.where(loose, PUSHABLE_WEIGHT, 1.0)
-        return float(deep[ours].max()) if ours.any() else 0.0
+        if not ours.any():
+            return 0.0
+        return float(deep[ours].max())
 
     def path_depth(self, base: Pose, start: ArrayLike, end: ArrayLike, firm: int = -1, points: int = 8) -> float:
         """Return the deepest touch on the straight way between two arm poses, both ends included, in [m]."""
-        first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+        first = np.asarray(start, dtype=np.float64)
+        last = np.asarray(end, dtype=np.float64)
         return max(self.depth(base, first + share * (last - first), firm) for share in np.linspace(0.0, 1.0, points))
 
 
 def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
     position, rotation = gripper_pose(ROBOT.torso_height, arm)
-    cos, sin = np.cos(base.yaw), np.sin(base.yaw)
+    cos = np.cos(base.yaw)
+    sin = np.sin(base.yaw)
     about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return base.to_room(position), about_z @ rotation
 
@@ -146,7 +153,9 @@ class View(LaneView):
     ) -> FloatArray:
         """Return an action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
         action = np.zeros(ACTION_SIZE)
-        action[FORWARD], action[TURN], action[GRIP] = forward / self.base_speed, turn / self.base_speed, grip
+        action[FORWARD] = forward / self.base_speed
+        action[TURN] = turn / self.base_speed
+        action[GRIP] = grip
         if arm is not None:
             action[ARM] = arm / ARM_STEP
         return np.clip(action, -1.0, 1.0)
@@ -216,12 +225,14 @@ def turn_to(view: View, yaw: float) -> Motion:
         error = float(wrap(np.array(yaw - view.base.yaw)))
         if abs(error) < 0.02:
             return
-        if direction and abs(error) > 0.3:
-            error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
+        if direction and abs(error) > 0.3 and np.sign(error) != direction:
+            error += direction * 2.0 * np.pi
         yield view.action(turn=float(np.clip(5.0 * error, -2.0, 2.0)))
         if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
-            direction = -float(np.sign(error)) if stuck.count > 1 else 0.0
+            direction = 0.0
+            if stuck.count > 1:
+                direction = -float(np.sign(error))
 
 
 def follow(view: View, points: FloatArray) -> Motion:
@@ -230,25 +241,35 @@ def follow(view: View, points: FloatArray) -> Motion:
     Ends before the last one where it got stuck again and again.
     """
     stuck = Stuck()
-    here = backed = 0
+    here = 0
+    backed = 0
+    last = len(points) - 1
     for _ in range(450):
+        # The waypoint that the robot is at; only those a little ahead are looked at, as a way may cross itself.
         now = np.array([view.base.x, view.base.y])
         away = np.linalg.norm(points[here : here + 12] - now, axis=1)
         here += int(away.argmin())
-        last = len(points) - 1
         if here >= last - 1 and np.linalg.norm(points[last] - now) < 0.03:
             return
+
+        # Turn toward a point ahead, and drive the faster the farther it is.
         ahead = points[min(here + AHEAD, last)] - now
-        far, left = float(np.hypot(*ahead)), float(np.linalg.norm(points[last] - now))
+        far = float(np.hypot(*ahead))
+        left = float(np.linalg.norm(points[last] - now))
         error = float(wrap(np.arctan2(ahead[1], ahead[0]) - view.base.yaw))
         if left < 0.12 and abs(error) > 0.5 * np.pi:
             return
         slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
-        speed = float(np.clip(3.0 * max(left, far if here + AHEAD < last else 0.0), 0.05, 1.3))
+        if here + AHEAD < last:
+            left = max(left, far)
+        speed = float(np.clip(3.0 * left, 0.05, 1.3))
         yield view.action(forward=speed * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5)))
+
+        # Back off where the robot or its arm is caught, and try again from a little before.
         if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
-            here, backed = max(here - 4, 0), backed + 1
+            here = max(here - 4, 0)
+            backed += 1
             if backed > TRIES:
                 return
 
@@ -283,7 +304,9 @@ class Stuck:
         self.steps += 1
         if self.steps < PATIENCE:
             return False
-        old, self.anchor, self.steps = self.anchor, base, 0
+        old = self.anchor
+        self.anchor = base
+        self.steps = 0
         turned = abs(float(wrap(np.array(base.yaw - old.yaw))))
         stuck = abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * turned < CREEP
         self.count += stuck
@@ -390,36 +413,56 @@ def plan_reach(
     None when no standing place lets the arm reach. The gripper goals must all be upright or none; `firm` is an object
     that must not be pushed aside. The quickest `checks` plans are tested for collisions.
     """
+    most = np.inf
     best: ReachPlan | None = None
     blocked: dict[Pose, float] = {}
-    rest = ROBOT.rest_arm
     tried: Counter[Pose] = Counter()
-    for stand, via, end, steps, back in _reachable(query, list(stands), gripper_goals):
-        tried[stand] += 1
-        if tried[stand] > PER_STAND:
+    for candidate in _reachable(query, list(stands), gripper_goals):
+        # Spread the tests over the standing places.
+        tried[candidate.stand] += 1
+        if tried[candidate.stand] > PER_STAND:
             continue
         if tried.total() > checks:
             break
-        entry = _behind(stand, back)
+
+        # The two ends of the way are quick to test: a candidate that loses there is not looked at further.
+        entry = _behind(candidate.stand, candidate.back)
         if entry not in blocked:
-            blocked[entry] = query.depth(entry, rest, firm=firm)
-        worst = max(blocked[entry], query.depth(stand, end, firm=firm))
-        if best is not None and steps + DEPTH_COST * worst >= best.cost:
+            blocked[entry] = query.depth(entry, ROBOT.rest_arm, firm=firm)
+        depth = max(blocked[entry], query.depth(candidate.stand, candidate.end, firm=firm))
+        if candidate.steps + DEPTH_COST * depth >= most:
             continue
-        if back > 0.0:
-            drive = [query.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
-            worst = max(worst, *drive)
-        worst = max(worst, query.path_depth(entry, via, end, firm=firm, points=4))
-        if best is None or steps + DEPTH_COST * worst < best.cost:
-            worst = max(worst, query.path_depth(entry, rest, via, firm=firm, points=7))
-        if worst == 0.0:  # between seven points there is room for a shelf
-            worst = query.path_depth(entry, rest, via, firm=firm, points=FINE_POINTS)
-        plan = ReachPlan(entry, stand, (via, end), worst, steps)
-        if best is None or plan.cost < best.cost:
+
+        # The way itself.
+        depth = _depth_on_the_way(query, candidate, entry, firm, depth, most)
+        plan = ReachPlan(entry, candidate.stand, (candidate.via, candidate.end), depth, candidate.steps)
+        if plan.cost < most:
             best = plan
+            most = plan.cost
         if plan.free:
             break
     return best
+
+
+def _depth_on_the_way(
+    query: CollisionQuery, candidate: _Candidate, entry: Pose, firm: int, depth: float, most: float
+) -> float:
+    """Return the deepest touch of a candidate in [m], beginning with the `depth` at the ends of its way.
+
+    The longest part is only tested where the others leave the candidate cheaper than `most`.
+    """
+    back, via, end = candidate.back, candidate.via, candidate.end
+    if back > 0.0:
+        drive = [
+            query.depth(_behind(candidate.stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)
+        ]
+        depth = max(depth, *drive)
+    depth = max(depth, query.path_depth(entry, via, end, firm=firm, points=4))
+    if candidate.steps + DEPTH_COST * depth < most:
+        depth = max(depth, query.path_depth(entry, ROBOT.rest_arm, via, firm=firm, points=7))
+    if depth == 0.0:  # between seven points there is room for a shelf
+        depth = query.path_depth(entry, ROBOT.rest_arm, via, firm=firm, points=FINE_POINTS)
+    return depth
 
 
 def plan_from(
@@ -443,7 +486,8 @@ def plan_from(
         if not _any_free(found):
             found.append(plan_reach(query, ahead(base, point, steps, TURNS), gripper_goals, firm))
     if query.in_fridge(point) and not _any_free(found):
-        finer, gripper_goals = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*gripper_goals, *others()]
+        finer = list(ahead(base, point, FINE_AHEAD, FINE_TURNS))
+        gripper_goals = [*gripper_goals, *others()]
         found.append(plan_reach(query, finer, gripper_goals, firm, FINE_CHECKS))
         if not _any_free(found):
             farther = [replace(gripper_goal, back=FAR_BACK) for gripper_goal in gripper_goals]
@@ -459,37 +503,62 @@ def _behind(stand: Pose, back: float) -> Pose:
     return Pose(stand.x - back * float(np.cos(stand.yaw)), stand.y - back * float(np.sin(stand.yaw)), stand.yaw)
 
 
-def _reachable(
-    query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
-) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
-    """Return all standing places and gripper_goals that inverse kinematics can join, the quickest first."""
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A standing place, and arm poses that bring the gripper to a goal from there."""
+
+    stand: Pose
+    via: FloatArray
+    """The arm before the last straight motion. Shape (joints,)."""
+    end: FloatArray
+    """The arm at the goal. Shape (joints,)."""
+    steps: float
+    """Approximate number of control steps."""
+    back: float
+    """See `GripperGoal`."""
+
+
+def _reachable(query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]) -> list[_Candidate]:
+    """Return all standing places and gripper goals that inverse kinematics can join, the quickest first."""
     pairs = [(s, w) for s in stands for w in gripper_goals if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
     if not pairs:
         return []
     points = np.array([s.to_local(w.point) for s, w in pairs])
     vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
     approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
-    upright, rest = pairs[0][1].upright, ROBOT.rest_arm
+
     # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
-    starts = (ROBOT.rest_arm, *ROBOT.other_arms) if upright else (ROBOT.rest_arm,)
+    upright = pairs[0][1].upright
+    starts = ROBOT.rest_arm[None]
+    most_turn = 0.3
+    if upright:
+        starts = np.concatenate([starts, ROBOT.other_arms])
+        most_turn = 0.05
+    first = np.repeat(starts, len(pairs), axis=0)
     pairs = pairs * len(starts)
-    points, vias, approach = (np.tile(x, (len(starts), 1)) for x in (points, vias, approach))
-    first = np.repeat(np.array(starts), len(points) // len(starts), axis=0)
+    points = np.tile(points, (len(starts), 1))
+    vias = np.tile(vias, (len(starts), 1))
+    approach = np.tile(approach, (len(starts), 1))
+
+    # The last pose first, then from it the one before.
     end, way, turn = reach_many(points, approach, upright, first)
-    rows = np.nonzero((way < CLOSE) & (turn < (0.05 if upright else 0.3)))[0]
+    rows = np.nonzero((way < CLOSE) & (turn < most_turn))[0]
     if not len(rows):
         return []
     via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
-    now, found = query.simulator.robot, []
+
+    now = query.simulator.robot
+    found = []
     for row, middle, miss in zip(rows, via, via_way, strict=True):
-        stand = pairs[row][0]
+        if miss >= 3.0 * CLOSE:
+            continue
+        stand, gripper_goal = pairs[row]
         turning = abs(float(wrap(np.array(stand.yaw - now[2]))))
         drive = 25.0 * float(np.hypot(stand.x - now[0], stand.y - now[1])) + 15.0 * turning
-        arm = (np.abs(middle - rest).max() + np.abs(end[row] - middle).max()) / ARM_STEP
-        if miss < 3.0 * CLOSE:
-            back = pairs[row][1].back
-            found.append((stand, middle, end[row], float(arm + drive + 30.0 * back), back))
-    return sorted(found, key=lambda each: each[3])
+        arm = (np.abs(middle - ROBOT.rest_arm).max() + np.abs(end[row] - middle).max()) / ARM_STEP
+        steps = float(arm + drive + 30.0 * gripper_goal.back)
+        found.append(_Candidate(stand, middle, end[row], steps, gripper_goal.back))
+    return sorted(found, key=lambda each: each.steps)
 
 
 def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequence[float]) -> Iterator[Pose]:
