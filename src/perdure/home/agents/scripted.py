@@ -16,15 +16,9 @@ import numpy as np
 
 from perdure.home.agents.learned import Motion, SkillAgent
 from perdure.home.agents.motions import (
-    CollisionQuery,
-    GripperGoal,
-    ReachPlan,
     View,
-    ahead,
-    around,
     follow,
     move_arm,
-    plan_from,
     reach_for,
     rest_arm,
     settled,
@@ -34,6 +28,7 @@ from perdure.home.agents.motions import (
     unjam,
     unwound,
 )
+from perdure.home.agents.reach_plans import CollisionQuery, GripperGoal, ReachPlan, ahead, around, plan_from
 from perdure.home.sim import occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import get_kind
