@@ -267,7 +267,7 @@ def train(
     from perdure.home.evaluate.plan_starts import record_plan_starts
     from perdure.home.skills.place import variant_options
     from perdure.home.skills.train import evaluate_skill, skill_run
-    from perdure.learn import train
+    from perdure.learn.run import train
     from perdure.policy import load_policy
     from perdure.runs import check_on
     from perdure.runs.progress import show_progress

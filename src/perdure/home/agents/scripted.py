@@ -73,7 +73,7 @@ def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatAr
     shape (k, 3). Inside a fridge the gripper comes from the front, not from above.
     """
     slopes = SLOPES
-    turns = GRASP_TURNS
+    turns: tuple[float, ...] = GRASP_TURNS
     lift = LIFT
     back = 0.0
     if inside:
