@@ -23,12 +23,12 @@ from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
 from perdure.home.film import SMALL, TITLE, Agent, caption, record, skill_words
 from perdure.home.pictures import Follower, Studio, goal_marks, put, render_scene
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import Episode, episode_hash, load_episodes
 from perdure.home.tasks.planners import needed_skills
-from perdure.home.tasks.tasks import AT, NOTHING, Predicate, get_task
+from perdure.home.tasks.tasks import AT, NOTHING, PAST, Predicate, Verb, get_task
 
 PICTURES = 8
 BEFORE = CONTROL_HZ
@@ -94,7 +94,7 @@ class Logged:
 
     def words(self, found: Label | None) -> str:
         """Return a label of this episode as text, such as `place_1, rolled, 013_apple`."""
-        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}" if found else "no failure"
+        return f"{found.stage.name}, {found.cause}, {self.log.targets[found.target].kind}" if found else "no failure"
 
     @property
     def file_name(self) -> str:
@@ -163,7 +163,7 @@ def picture_steps(replay: Replay, found: Label) -> dict[int, str]:
         keys, way = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}, np.arange(float(log.length))
     elif release is not None:
         keys, way = _after_release(replay, release)
-        placed = log.run("place", found.target)
+        placed = log.run(Verb.PLACE, found.target)
         keys = keys | _hardest(replay.history, placed) if placed and found.cause == "collision" else keys
     else:
         keys, way = _in_run(replay, found), np.arange(float(log.length))
@@ -203,7 +203,7 @@ def _in_run(replay: Replay, found: Label) -> dict[int, str]:
         return keys | {first + int(np.argmin(away)): f"nearest, {away.min():.3f} m away"}
     if condition is not None and found.cause.startswith("door") and not _its_own(log, found, condition):
         holds = condition.holds(history.facts)[: last + 1]
-        undone = f"no longer {condition.name.partition('_')[0]}"
+        undone = f"no longer {condition.name}"
         lost = 1 + np.flatnonzero(holds[:-1] & ~holds[1:])[-1:]
         keys |= {step: note for k in lost for step, note in ((max(0, int(k) - BEFORE), ""), (int(k), undone))}
     return keys
@@ -217,14 +217,14 @@ def _hardest(history: History, run: SkillRun) -> dict[int, str]:
 
 def _its_own(log: EpisodeLog, found: Label, condition: Predicate) -> bool:
     """Return whether the stage's own skill establishes a condition; otherwise something undid it."""
-    verb, _, number = found.stage.partition("_")
-    return condition.name.startswith(verb) and condition.name.endswith(log.targets[int(number)].container)
+    container = log.targets[found.stage.target].container
+    return condition.name == PAST[found.stage.verb] and condition.container == container
 
 
 def failed_run(log: EpisodeLog, found: Label) -> SkillRun | None:
     """Return the run of the label's skill, or its navigation if that collided harder; else the last run."""
-    skill, _, number = found.stage.partition("_")
-    if (run := log.run(skill, int(number))) is None:
+    run = log.run(found.stage.verb, found.stage.target)
+    if run is None:
         return log.runs[-1] if log.runs else None
     if found.cause != "collision":
         return run
@@ -275,20 +275,20 @@ def failure_sheet(failure: Logged, replay: Replay) -> Picture:
 def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[FloatArray, str]:
     """Return two points to show in [m], shape (2, 3), and the measure between them as text."""
     facts, gripper, condition = replay.history.facts, replay.history.gripper[step], found.condition
-    thing, name = facts.object_positions[step, found.target], found.stage if condition is None else condition.name
-    if name.startswith(("at", "place", "not_holding")):
+    thing = facts.object_positions[step, found.target]
+    about = found.stage.verb if condition is None else condition.name
+    if about in ("at", "not_holding", Verb.PLACE):
         goal = episode.goal_positions[found.target]
         return np.stack([thing, goal]), f"{np.linalg.norm(thing - goal):.2f} m from its goal"
-    if name.startswith(("holding", "pick")):
+    if about in ("holding", Verb.PICK):
         away = np.linalg.norm(thing - gripper)
         return np.stack([thing, gripper]), "in the hand" if facts.held[step] == found.target else f"{away:.2f} m away"
-    containers = [episode.container(target) for target in range(len(episode.goals))]
-    fridge = containers[found.target] == FRIDGE_DOOR if condition is None else name.endswith("fridge")
-    link = FRIDGE_DOOR if fridge else next(each for each in containers if each not in (None, FRIDGE_DOOR))
-    opened = max(float((facts.fridge if fridge else facts.drawer)[step]), 0.0)
-    handle = np.array(episode.apartment().handle_to_room(str(link), opened))
+    own = replay.log.targets[found.target].container
+    name = own if condition is None or condition.container is None else condition.container
+    opened = max(float(facts.containers[name][step]), 0.0)
+    handle = np.array(episode.apartment().handle_to_room(str(episode.container_links()[name]), opened))
     hand = float(np.linalg.norm(handle - gripper))
-    words = f"{opened:.2f} {'rad' if fridge else 'm'} open"
+    words = f"{opened:.2f} {CONTAINERS[name].unit} open"
     if hand > FAR_HAND:
         return np.stack([handle, handle]), words
     return np.stack([handle, gripper]), f"{words}, hand {hand:.2f} m"

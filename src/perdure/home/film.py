@@ -32,7 +32,7 @@ from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode
-from perdure.home.tasks.tasks import SkillName, SkillStep
+from perdure.home.tasks.tasks import SKILL_CONTAINERS, SKILL_VERBS, SkillName, SkillStep, Verb
 
 BEFORE, AFTERWARDS = 45, 90
 """Control steps that are shown before a release, and after it or after the end of the plan."""
@@ -88,11 +88,14 @@ def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> 
 
 def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
     """Return what the robot does in a skill, such as `pick the bowl, attempt 2`."""
-    if step.skill == "reset_arm":
+    if step.skill == Verb.RESET_ARM:
         return "reset the arm"
-    verb, _, kind = ((step.toward or "pick") if step.skill == "navigate" else step.skill).partition("_")
-    words = f"{verb} the {kind or short_name(episode.objects[step.target].kind)}"
-    words = f"navigate to {words}" if step.skill == "navigate" else words
+    navigates = step.skill == Verb.NAVIGATE
+    skill = (step.toward or Verb.PICK) if navigates else step.skill
+    thing = SKILL_CONTAINERS.get(skill) or short_name(episode.objects[step.target].kind)
+    words = f"{SKILL_VERBS.get(skill, skill)} the {thing}"
+    if navigates:
+        words = f"navigate to {words}"
     return f"{words}, attempt {step.attempt}{' (scripted)' if step.scripted else ''}" if step.attempt > 1 else words
 
 
@@ -137,10 +140,10 @@ def record(
         words = "the robot waits" if step is None else skill_words(episode, step)
         begun, seconds = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
         clock, done = f"skill {begun}    {seconds:.1f} s", [(each.name, each.name in reached) for each in stages]
-        skill, target = "reset_arm" if step is None else step.skill, world.skill_goal(0).target
-        near = {"pick": state.object, "place": state.goal, "navigate": state.aim}.get(skill, state.handle)
-        focus = None if skill == "reset_arm" else near[0].copy()
-        focused = target if skill in ("pick", "place") else -1
+        verb = Verb.RESET_ARM if step is None else SKILL_VERBS.get(step.skill, Verb.RESET_ARM)
+        near = {Verb.PICK: state.object, Verb.PLACE: state.goal, Verb.NAVIGATE: state.aim}.get(verb, state.handle)
+        focus = None if verb == Verb.RESET_ARM else near[0].copy()
+        focused = world.skill_goal(0).target if verb in (Verb.PICK, Verb.PLACE) else -1
         said = caption(words, clock, done)
         frames.append(Frame(world.simulator(0).qpos.copy(), seconds, words, said, focus, focused))
         show(frames[-1])

@@ -21,7 +21,7 @@ from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS, LINK_CONTAINERS
 from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
 from perdure.home.sim.simulator import ACTION_SIZE, Simulator
@@ -109,8 +109,9 @@ class Recorder:
 
     def _history(self, length: int) -> History:
         rows = zip(*self.rows[:length], strict=True)
-        objects, held, doors, up, speed, gripper, base, force = map(np.array, rows)
-        facts = WorldFacts(objects, self.episode.goal_positions, held, *doors.T)
+        objects, held, positions, up, speed, gripper, base, force = map(np.array, rows)
+        containers = dict(zip(CONTAINERS, positions.T, strict=True))
+        facts = WorldFacts(objects, self.episode.goal_positions, held, containers)
         return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
 
 
@@ -131,16 +132,16 @@ def held_target(lane: Simulator, targets: int) -> int:
     return NOTHING if lane.held < 0 and lane.held_link < 0 else SOMETHING_ELSE
 
 
-def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
-    """Return the numbers of the task's drawer (-1 for none) and of the fridge's upper door in `Scene.links`."""
-    containers = [episode.container(target) for target in range(len(episode.goals))]
-    drawer = next((scene.links.index(each) for each in containers if each not in (None, FRIDGE_DOOR)), -1)
-    return drawer, scene.links.index(FRIDGE_DOOR)
+def container_numbers(episode: Episode, scene: Scene) -> tuple[int, ...]:
+    """Return for each of `CONTAINERS` the number of its link in `Scene.links`, -1 where the episode has none."""
+    links = episode.container_links().values()
+    return tuple(-1 if link is None else scene.links.index(link) for link in links)
 
 
 def _target(episode: Episode, number: int) -> Target:
-    goal, link = episode.goals[number], episode.container(number)
-    container = "" if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
+    goal = episode.goals[number]
+    link = episode.container(number)
+    container = "" if link is None else LINK_CONTAINERS[link].name
     return Target(goal.kind, KINDS[goal.kind].cylinder, container, goal.position)
 
 
@@ -151,8 +152,8 @@ class Running:
     episode: Episode
     planner: Planner
     recorder: Recorder
-    doors: tuple[int, int]
-    """Numbers of the task's drawer (-1 for none) and of the fridge's upper door among the scene's links."""
+    containers: tuple[int, ...]
+    """See `container_numbers`."""
     current: SkillStep | None = None
     """The running skill, None in the settling time."""
     step: int = 0
@@ -163,16 +164,18 @@ class Running:
     stood: defaultdict[tuple[str, int], list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     """Where the attempts of each skill and target began, and where they or a navigation failed, x and y in [m]."""
 
-    def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, float]]:
-        """Return middles of the targets (targets, 3), what the hand holds, how far drawer and fridge are open."""
-        (drawer, fridge), links, targets = self.doors, lane.links.tolist(), len(self.episode.goals)
-        doors = links[drawer] if drawer >= 0 else 0.0, links[fridge]
-        return lane.middles[:targets], held_target(lane, targets), doors
+    def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, ...]]:
+        """Return middles of the targets (targets, 3), what the hand holds, how far each of `CONTAINERS` is open."""
+        links = lane.links.tolist()
+        targets = len(self.episode.goals)
+        positions = tuple(links[number] if number >= 0 else 0.0 for number in self.containers)
+        return lane.middles[:targets], held_target(lane, targets), positions
 
     def facts(self, world: VectorSimulator, lane: int) -> WorldFacts:
         """Return the facts of now."""
-        objects, held, doors = self.read(world.simulator(lane))
-        return WorldFacts(objects, self.episode.goal_positions, np.array(held), *map(np.array, doors))
+        objects, held, positions = self.read(world.simulator(lane))
+        containers = {name: np.array(position) for name, position in zip(CONTAINERS, positions, strict=True)}
+        return WorldFacts(objects, self.episode.goal_positions, np.array(held), containers)
 
 
 StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
@@ -266,7 +269,7 @@ class Executor:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
         planner = PLANNERS[self._options.planner](episode)
-        each = Running(episode, planner, Recorder(episode), door_links(episode, scene))
+        each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene))
         each.current = planner.next(each.facts(world, lane))
         return each
 
@@ -382,13 +385,14 @@ class Executor:
     ) -> None:
         """Add a row to the recorder of each lane after a control step; `state` is that of these lanes."""
         for row, lane in enumerate(lanes.tolist()):
-            each, simulator = running[lane], world.simulator(lane)
-            objects, held, doors = each.read(simulator)
+            each = running[lane]
+            simulator = world.simulator(lane)
+            objects, held, positions = each.read(simulator)
             poses, velocities = simulator.objects(len(objects))
             up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
             speed = np.sqrt((velocities**2).sum(axis=1))
-            robot = state.gripper[row], state.base[row], state.contact_force[row]
-            each.recorder.rows.append((objects, held, doors, up, speed, *robot))
+            robot = (state.gripper[row], state.base[row], state.contact_force[row])
+            each.recorder.rows.append((objects, held, positions, up, speed, *robot))
             each.recorder.diverged |= bool(state.diverged[row])
             if each.current is not None:
                 each.step += 1

@@ -399,7 +399,7 @@ class Skill(ABC):
         """
         apartment, placement = episode.apartment(), self.placement(episode, target)
         container = apartment.container(placement.receptacle)
-        opened = starts.draw_open(apartment, container, rng)
+        opened = starts.draw_open(container, rng)
         front = None if container is None else starts.front_of(apartment, placement)  # our choice
         base = starts.stand_near(apartment, placement.position, rng, front)
         return self.make_start(episode, target, opened, base, rng)

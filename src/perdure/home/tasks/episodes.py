@@ -23,7 +23,7 @@ from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement, get_kind
 from perdure.home.sim.occupancy import CELL, apartment_footprints, free_space
-from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.pieces import CONTAINERS, Apartment, Pose
 from perdure.home.sim.scene import Scene, SceneOptions, build_scene
 from perdure.home.tasks.tasks import HomeTask, get_task
 from perdure.runs import write_atomic
@@ -93,6 +93,21 @@ class Episode:
     def container(self, target: int) -> str | None:
         """Return the drawer or door one must open to get at a target: a link name, None when it lies in the open."""
         return self.apartment().container(self.objects[target].receptacle)
+
+    def container_links(self) -> dict[str, str | None]:
+        """Return the link of every container that its targets are about, by the container's name.
+
+        It is the first one in which a target starts or ends. Where there is none it is the container's only link, and
+        None where it has several.
+        """
+        apartment = self.apartment()
+        placements = (*self.objects[: len(self.goals)], *self.goals)
+        used = [apartment.container(each.receptacle) for each in placements]
+        found: dict[str, str | None] = {}
+        for name, container in CONTAINERS.items():
+            only = container.links[0] if len(container.links) == 1 else None
+            found[name] = next((link for link in used if link in container.links), only)
+        return found
 
 
 @dataclass(frozen=True)
