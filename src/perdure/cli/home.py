@@ -54,12 +54,13 @@ def list_names() -> None:
 
     from perdure.home.sim.objects import KINDS
     from perdure.home.skills import SKILLS
-    from perdure.home.tasks.episodes import load_episodes
+    from perdure.home.tasks.episodes import PUBLISHED, load_episodes, published_splits
     from perdure.home.tasks.tasks import TASKS
 
-    tasks = Table("task", "targets", "objects", "val", "eval", "eval-2", "steps", "stages", title="Tasks")
+    tasks = Table("task", "targets", "objects", *PUBLISHED, "steps", "stages", title="Tasks")
     for task in TASKS.values():
-        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval", "eval-2")]
+        published = published_splits(task.name)
+        counts = [str(len(load_episodes(task.name, split))) if split in published else "-" for split in PUBLISHED]
         objects = len(task.targets) + sum(number for number, _ in task.clutter)
         stages = " ".join(stage.name for stage in task.stages)
         tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)

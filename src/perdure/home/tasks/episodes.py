@@ -185,6 +185,18 @@ def episode_scene(episode: Episode, options: SceneOptions = SceneOptions()) -> S
 
 DATA = Path(__file__).parents[1] / "data" / "episodes"
 """Where the published episodes are."""
+PUBLISHED = ("val", "eval", "eval-2")
+"""The splits that are published; training draws its own episodes."""
+
+
+def episode_file(task: str, split: str) -> str:
+    """Return the name of the file of published episodes."""
+    return f"{task}_{split}.json"
+
+
+def published_splits(task: str) -> tuple[str, ...]:
+    """Return the splits of a task that are published: none for a task whose episodes are yet to be made."""
+    return tuple(split for split in PUBLISHED if (DATA / episode_file(task, split)).exists())
 
 
 @cache
@@ -195,8 +207,11 @@ def load_episodes(task: str, split: str) -> EpisodeSet:
         PerdureError: If there is no such task, or no episodes of that split are published.
     """
     get_task(task)
-    published = {path.stem.removeprefix(f"{task}_"): path for path in sorted(DATA.glob(f"{task}_*.json"))[::-1]}
-    return read_episodes(lookup(published, split, f"published split of {task}"))
+    published = published_splits(task)
+    if not published:
+        raise PerdureError(f"no episodes of {task} are published, so there is no split {split!r}")
+    lookup(dict.fromkeys(published), split, f"published split of {task}")
+    return read_episodes(DATA / episode_file(task, split))
 
 
 def read_episodes(path: str | Path) -> EpisodeSet:
