@@ -85,7 +85,9 @@ class Recorder:
         """
         # A diverged world is reset to its start: the last row no longer belongs to this episode.
         length = max(1, len(self.rows) - 1) if self.diverged else len(self.rows)
-        steps, episode, history = min(steps, length), self.episode, self._history(length)
+        steps = min(steps, length)
+        episode = self.episode
+        history = self._history(length)
         return EpisodeLog(
             task=episode.task,
             split=episode.split,
@@ -258,10 +260,15 @@ class Executor:
         """Return whether an episode is over; after the settling time a skill that the planner then names begins."""
         if each.recorder.diverged or each.settling < self._options.settle_steps:
             return each.recorder.diverged
-        in_time = each.step + each.settling < each.episode.home_task.max_steps
-        if (again := each.planner.next(each.facts(world, lane)) if in_time else None) is None:
+        steps = each.step + each.settling
+        if steps >= each.episode.home_task.max_steps:
             return True
-        each.current, each.step, each.settling = again, each.step + each.settling, 0
+        again = each.planner.next(each.facts(world, lane))
+        if again is None:
+            return True
+        each.current = again
+        each.step = steps
+        each.settling = 0
         self._begin_skills(world, [lane], {lane: each})
         return False
 
@@ -302,27 +309,38 @@ class Executor:
         return goal
 
     def _step(self, world: VectorSimulator, running: Mapping[int, Running]) -> None:
-        actions = np.zeros((world.num_lanes, ACTION_SIZE))
-        speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(sorted(running), running)
         # Lanes at the same skill lie side by side, so that a group's part of a record is a view.
         settling = [lane for lane, each in sorted(running.items()) if each.current is None]
         lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
         ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
-        scan_reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
+
+        # Sense what the agents need: only some want the scan and the target's neighbors.
+        scan_reach = np.zeros(len(lanes))
+        neighbors = np.zeros(len(lanes), dtype=bool)
         for name in groups:
             if self._agents[name].needs_scan:
                 skill = self._skills[name[0]]
-                scan_reach[rows[name]], neighbors[rows[name]] = skill.scan_reach, skill.needs_neighbors
+                scan_reach[rows[name]] = skill.scan_reach
+                neighbors[rows[name]] = skill.needs_neighbors
         known = world.sense(lanes, scan_reach, neighbors)
+
+        # Act. A lane in its settling time stands still.
+        actions = np.zeros((world.num_lanes, ACTION_SIZE))
+        speed = np.ones(world.num_lanes)
+        arm_step = np.zeros(world.num_lanes)
         for name, group in groups.items():
-            skill, agent, state = self._skills[name[0]], self._agents[name], known[rows[name]]
+            skill = self._skills[name[0]]
+            state = known[rows[name]]
             assert self._progress is not None
-            acted = agent.act(world, group, skill, state, self._progress[group])
+            acted = self._agents[name].act(world, group, skill, state, self._progress[group])
             actions[group] = skill.mask(acted, state)
-            speed[group], arm_step[group] = skill.base_speed, skill.arm_step
+            speed[group] = skill.base_speed
+            arm_step[group] = skill.arm_step
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
+
+        # Record the step, and go on to the next skills.
         after = world.sense(lanes)
         self._record(world, lanes, running, after)
         for name, group in groups.items():
@@ -337,6 +355,20 @@ class Executor:
                 groups.setdefault((step.skill, step.scripted), []).append(lane)
         return {name: np.array(group) for name, group in groups.items()}
 
+    def _ending(
+        self, name: tuple[str, bool], lane: int, stopped: bool, elapsed: int, holds: bool, at_limit: bool
+    ) -> Ending | None:
+        """Return why a skill ends now, None while it goes on; an agent that holds the target may ask for more time."""
+        limit = self._skills[name[0]].limit
+        out_of_time = elapsed >= limit
+        if out_of_time and holds and elapsed < limit + OVERTIME:
+            out_of_time = not self._agents[name].overtime(lane)
+        if stopped:
+            return "stopped"
+        if out_of_time:
+            return "timed out"
+        return "task limit" if at_limit else None
+
     def _end_skills(
         self,
         world: VectorSimulator,
@@ -350,32 +382,37 @@ class Executor:
         assert self._progress is not None
         progress = skill.advance(self._progress[group], state)
         self._progress = self._progress.put(group, progress)
-        stop, success = skill.stop(state, progress), skill.success(state, progress)
+        stop = skill.stop(state, progress)
+        success = skill.success(state, progress)
         going_on = []
-        for row, (lane, stopped, elapsed) in enumerate(
-            zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
-        ):
+        for row, lane in enumerate(group.tolist()):
             each = running[lane]
-            out_of_time = elapsed >= skill.limit
-            if out_of_time and state.holds_target[row] and elapsed < skill.limit + OVERTIME:
-                out_of_time = not self._agents[name].overtime(lane)
+            step = each.current
+            assert step is not None
             at_limit = each.step >= each.episode.home_task.max_steps
-            if stopped or out_of_time or at_limit:
-                ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
-                forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
-                if forced:
-                    world.simulator(lane).release()
-                step, succeeded = each.current, bool(success[row] and not state.diverged[row])
-                assert step is not None
-                if not succeeded:
-                    each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
-                agent = self._agents[name]
-                scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
-                what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
-                each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
-                each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
-                if each.current is not None:
-                    going_on.append(lane)
+            holds = bool(state.holds_target[row])
+            ending = self._ending(name, lane, bool(stop[row]), int(progress.elapsed[row]), holds, at_limit)
+            if ending is None:
+                continue
+
+            # A skill that must end with an empty hand lets go when its time is over.
+            forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
+            if forced:
+                world.simulator(lane).release()
+
+            # Record the run, and where a failed one stood.
+            succeeded = bool(success[row] and not state.diverged[row])
+            if not succeeded:
+                each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
+            agent = self._agents[name]
+            scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
+            what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
+            each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
+
+            # Ask the planner what is next.
+            each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
+            if each.current is not None:
+                going_on.append(lane)
         if going_on:
             self._begin_skills(world, going_on, running)
 

@@ -30,7 +30,7 @@ from perdure.schema import Choice, Flag, Items, Kind, Maybe, Real, Text, Whole
 COUNT = Whole(1, 1_000_000)
 RETRY_WEIGHT = 5
 """How much more often recorded starts of further attempts are drawn: they are rare and hard (our choice)."""
-KINDS: Mapping[str, Kind] = {
+OPTION_KINDS: Mapping[str, Kind] = {
     "skill": Text(),
     "task": Choice(tuple(TASKS)),
     "split": Choice(tuple(SPLITS)),
@@ -82,7 +82,7 @@ class SkillEnvOptions:
         if self.targets is not None:
             given = self.targets if isinstance(self.targets, Iterable) else (self.targets,)
             object.__setattr__(self, "targets", tuple(map(plain, given)))
-        check_kinds(KINDS, vars(self))
+        check_kinds(OPTION_KINDS, vars(self))
         lookup(dict.fromkeys(learned_skills()), self.skill, "skill with an environment")
         for each in fields(self):
             owners = [name for name, kind in SKILLS.items() if each.name in kind.__dataclass_fields__]

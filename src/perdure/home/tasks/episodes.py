@@ -138,10 +138,12 @@ def episode_hash(episode: Episode) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-ARM_LOW = 0.6
+REST_ARM_BOTTOM = 0.6
 """Furniture that ends below this height in [m] does not meet the arm at rest."""
-ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
-"""The arm at rest, seen from above: discs along the robot's x from 0.10 to 0.45 m (the gripper rests at 0.5 m)."""
+REST_ARM_LENGTH = (0.10, 0.45)
+"""The arm at rest, seen from above: discs along the robot's x between these in [m] (the gripper rests at 0.5 m)."""
+REST_ARM_RADIUS = 0.20
+"""Radius of these discs in [m]."""
 
 
 def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
@@ -155,18 +157,22 @@ def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
     if apartment.fingerprint != episode.apartment_fingerprint:
         raise PerdureError(f"{episode.name} does not play in {apartment.name} {apartment.fingerprint}")
     space = free_space(apartment, episode.opened)
-    tall = apartment_footprints(apartment, episode.opened, low=ARM_LOW)
+    tall = apartment_footprints(apartment, episode.opened, low=REST_ARM_BOTTOM)
     digest = hashlib.sha256(episode.name.encode()).digest()
     rng = np.random.Generator(np.random.PCG64([seed, *digest[:8]]))
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    low = np.min(apartment.room, axis=0)
+    high = np.max(apartment.room, axis=0)
     while True:
         across, along, turn = rng.random(3)
         point = low + (across, along) * (high - low)
         pose = Pose(float(point[0]), float(point[1]), 2.0 * math.pi * float(turn))
         if not space.is_free(point[None])[0]:
             continue
-        discs = pose.to_room(np.stack([np.linspace(ARM_FROM, ARM_TO, 8), np.zeros(8)], axis=-1))
-        if occupancy.clearance(discs, tall).min() < ARM_RADIUS or not occupancy.inside(discs, apartment.room).all():
+        discs = pose.to_room(np.stack([np.linspace(*REST_ARM_LENGTH, 8), np.zeros(8)], axis=-1))
+        if (
+            occupancy.clearance(discs, tall).min() < REST_ARM_RADIUS
+            or not occupancy.inside(discs, apartment.room).all()
+        ):
             continue
         if space.nearest(point[None])[1][0] <= CELL:
             return pose
@@ -325,9 +331,12 @@ def _from_json(content: Content) -> EpisodeSet:
             for kind, x, y, z, qw, qx, qy, qz, receptacle in rows
         )
 
-    where = content.task, content.split
     episodes = []
     for row in content.episodes:
-        (macro, micro, home), objects, goals = row.apartment, placements(row.objects), placements(row.goals)
-        episodes.append(Episode(*where, row.index, macro, micro, home, row.opened, objects, goals))
-    return EpisodeSet(*where, content.made_with, tuple(episodes))
+        macro, micro, fingerprint = row.apartment
+        objects = placements(row.objects)
+        goals = placements(row.goals)
+        episodes.append(
+            Episode(content.task, content.split, row.index, macro, micro, fingerprint, row.opened, objects, goals)
+        )
+    return EpisodeSet(content.task, content.split, content.made_with, tuple(episodes))

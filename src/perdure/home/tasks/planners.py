@@ -37,8 +37,10 @@ from perdure.home.tasks.tasks import (
 )
 
 PlannerName = Literal["open", "closed"]
-LEARNED, ATTEMPTS = 3, 5
-"""Failures of a skill with a target after which it is scripted, and attempts in all (our choice)."""
+LEARNED = 3
+"""Failures of a skill with a target after which it is scripted (our choice)."""
+ATTEMPTS = 5
+"""Attempts of a skill with a target in all (our choice)."""
 WAYS = 2
 """Failed navigations to an attempt after which it begins wherever the robot stands (our choice)."""
 MARGIN = 0.1

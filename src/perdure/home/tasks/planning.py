@@ -153,7 +153,8 @@ class PlanProblem:
 
     def _target_facts(self, i: int) -> Iterator[Fact]:
         """Yield where a target is and belongs, and the landmarks to which handling it may lead."""
-        target, goal = target_name(i), _goal_name(i)
+        target = target_name(i)
+        goal = _goal_name(i)
         if i != self.held:
             yield ("in", target, _holder(self.inside[i]))
         yield ("goal_of", goal, target, _holder(self.ends[i]))
