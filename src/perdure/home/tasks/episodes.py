@@ -215,7 +215,10 @@ def load_episodes(task: str, split: str) -> EpisodeSet:
     get_task(task)
     published = published_splits(task)
     if not published:
-        raise PerdureError(f"no episodes of {task} are published, so there is no split {split!r}")
+        raise PerdureError(
+            f"no episodes of {task} are published, so there is no split {split!r}: tools/publish_episodes.py in "
+            "perdure's repository makes them"
+        )
     lookup(dict.fromkeys(published), split, f"published split of {task}")
     return read_episodes(DATA / episode_file(task, split))
 

@@ -120,7 +120,7 @@ class ClosedLoop(Planner):
             acting = next(each for each in plan if each.skill != Verb.NAVIGATE)
             if self._attempts[acting.skill, acting.target] < ATTEMPTS:
                 return plan[0], acting
-            if SKILL_VERBS[acting.skill] == Verb.CLOSE:
+            if SKILL_VERBS.get(acting.skill) == Verb.CLOSE:
                 still_wanted = [fact for fact in self._problem.final if fact != ("closed", acting.link)]
                 self._problem = replace(self._problem, final=tuple(still_wanted))
             elif acting.target in self._given_up:
