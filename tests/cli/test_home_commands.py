@@ -74,6 +74,15 @@ def test_an_episode_is_told_and_drawn(command, tmp_path):
     assert len(picture) > 20_000
 
 
+def test_the_plan_is_printed_as_a_pddl_domain_and_problem(command, tmp_path):
+    from unified_planning.io import PDDLReader
+
+    domain, problem = succeeded(command("home", "plan", "set_table", "--pddl", cwd=tmp_path)).split("\n\n")
+    read = PDDLReader().parse_problem_string(domain, problem)
+    assert "open_fridge" in {action.name for action in read.actions}
+    assert len(read.goals) > 0
+
+
 def test_the_plan_of_set_table_opens_the_drawer_first(command, tmp_path):
     text = succeeded(command("home", "plan", "set_table", cwd=tmp_path))
     assert text.index("open_drawer") < text.index("pick") < text.index("close_drawer") < text.index("open_fridge")

@@ -16,7 +16,7 @@ from perdure.errors import PerdureError
 from perdure.home.sim.scene import SceneOptions, WorldOptions
 from perdure.report.charts import Format
 
-Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="tidy_house, prepare_groceries or set_table.")]
+Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A task of `perdure home list`, such as set_table.")]
 Logs = Annotated[
     tuple[Path, ...],
     tyro.conf.Positional,
@@ -54,12 +54,13 @@ def list_names() -> None:
 
     from perdure.home.sim.objects import KINDS
     from perdure.home.skills import SKILLS
-    from perdure.home.tasks.episodes import load_episodes
+    from perdure.home.tasks.episodes import PUBLISHED, load_episodes, published_splits
     from perdure.home.tasks.tasks import TASKS
 
-    tasks = Table("task", "targets", "objects", "val", "eval", "eval-2", "steps", "stages", title="Tasks")
+    tasks = Table("task", "targets", "objects", *PUBLISHED, "steps", "stages", title="Tasks")
     for task in TASKS.values():
-        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval", "eval-2")]
+        published = published_splits(task.name)
+        counts = [str(len(load_episodes(task.name, split))) if split in published else "-" for split in PUBLISHED]
         objects = len(task.targets) + sum(number for number, _ in task.clutter)
         stages = " ".join(stage.name for stage in task.stages)
         tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
@@ -128,14 +129,23 @@ def _point(position: tuple[float, float, float]) -> str:
     return " ".join(f"{value:.2f}" for value in position)
 
 
-def plan(task: Task) -> None:
-    """Show a task's plan as a STRIPS planner finds it."""
+def plan(task: Task, pddl: bool = False) -> None:
+    """Show a task's plan as a STRIPS planner finds it.
+
+    Args:
+        pddl: Print the planning domain and the task's problem in PDDL instead, as other planners read them.
+    """
     from rich.console import Console
     from rich.table import Table
 
     from perdure.home.skills import get_skill
-    from perdure.home.tasks.planning import make_plan
+    from perdure.home.tasks.domain import HOME
+    from perdure.home.tasks.pddl import domain_pddl, problem_pddl
+    from perdure.home.tasks.planning import make_plan, plan_problem
 
+    if pddl:
+        print(f"{domain_pddl(HOME)}\n{problem_pddl(plan_problem(task))}", end="")
+        return
     table = Table("", "skill", "target", "then", "step limit", title=f"Plan of {task}", box=None)
     for number, step in enumerate(make_plan(task), 1):
         table.add_row(str(number), step.skill, str(step.target), step.toward or "", str(get_skill(step.skill).limit))

@@ -45,7 +45,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode
-from perdure.home.tasks.tasks import SkillName, SkillStep
+from perdure.home.tasks.tasks import SKILL_CONTAINERS, SKILL_VERBS, SkillName, SkillStep, Verb
 
 BEFORE = 45
 AFTERWARDS = 90
@@ -110,15 +110,15 @@ def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> 
 
 def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
     """Return what the robot does in a skill, such as `pick the bowl, attempt 2`."""
-    if step.skill == "reset_arm":
+    if step.skill == Verb.RESET_ARM:
         return "reset the arm"
     skill = step.skill
     prefix = ""
-    if step.skill == "navigate":
-        skill = step.toward or "pick"
+    if step.skill == Verb.NAVIGATE:
+        skill = step.toward or Verb.PICK
         prefix = "navigate to "
-    verb, _, kind = skill.partition("_")
-    words = f"{prefix}{verb} the {kind or short_name(episode.objects[step.target].kind)}"
+    thing = SKILL_CONTAINERS.get(skill) or short_name(episode.objects[step.target].kind)
+    words = f"{prefix}{SKILL_VERBS.get(skill, skill)} the {thing}"
     if step.attempt > 1:
         words += f", attempt {step.attempt}"
         if step.scripted:
@@ -195,15 +195,16 @@ def record(
 def _focus(skill: SkillName, state: PrivilegedState) -> tuple[FloatArray | None, int]:
     """Return the point of the room that a skill is about, shape (3,), and the number of the object there, else -1."""
     target = int(state.target[0])
-    if skill == "reset_arm":
-        return None, -1
-    if skill == "pick":
+    verb = SKILL_VERBS.get(skill)
+    if verb == Verb.PICK:
         return state.object[0].copy(), target
-    if skill == "place":
+    if verb == Verb.PLACE:
         return state.goal[0].copy(), target
-    if skill == "navigate":
+    if verb == Verb.NAVIGATE:
         return state.aim[0].copy(), -1
-    return state.handle[0].copy(), -1
+    if verb in (Verb.OPEN, Verb.CLOSE):
+        return state.handle[0].copy(), -1
+    return None, -1
 
 
 def film_episode(

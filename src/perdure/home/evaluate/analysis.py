@@ -109,7 +109,7 @@ EPISODES: Columns = {
 }
 FAILURES: Columns = {
     "counting": (str, "latched or stabilizing", lambda found: found[0]),
-    "stage": (str, "first unmet stage", lambda found: found[1].stage),
+    "stage": (str, "first unmet stage", lambda found: found[1].stage.name),
     "cause": (str, "failure cause", lambda found: found[1].cause),
     "target": (int, "number of the object", lambda found: found[1].target),
 }

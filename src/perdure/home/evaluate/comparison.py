@@ -26,7 +26,7 @@ from perdure.home.evaluate.outcomes import (
     Counting,
 )
 from perdure.home.sim.objects import short_name
-from perdure.home.tasks.tasks import Stage, get_task
+from perdure.home.tasks.tasks import PAST, STAGES, Stage, get_task
 from perdure.report import charts, wording
 from perdure.report.charts import Marker, slug
 from perdure.stats import FEWEST_FOR_INTERVAL
@@ -82,15 +82,15 @@ def _read(strategy: str) -> tuple[str, str] | None:
 
 def describe_stage(each: Stage, unmet: bool = False) -> str:
     """Return the state in which a stage is reached, "pick_0" -> "object 1 picked"; unmet: "object 1 not picked"."""
-    verb, _, number = each.name.partition("_")
-    past = {"pick": "picked", "place": "placed", "open": "opened", "close": "closed"}[verb]
-    doors = [found.name.removeprefix(f"{past}_") for found in each.conditions if found.name.startswith(f"{past}_")]
-    return f"{doors[-1] if doors else f'object {int(number) + 1}'} {'not ' if unmet else ''}{past}"
+    past = PAST[each.verb]
+    containers = [found.container for found in each.conditions if found.name == past]
+    thing = containers[-1] if containers else f"object {each.target + 1}"
+    return f"{thing} {'not ' if unmet else ''}{past}"
 
 
 def describe_outcome(name: str) -> str:
     """Return what became of an episode, see `outcomes.outcome`: "place_1" -> "object 2 did not stay"."""
-    return OUTCOMES.get(name) or f"object {int(name.partition('_')[2]) + 1} did not stay"
+    return OUTCOMES.get(name) or f"object {STAGES[name].target + 1} did not stay"
 
 
 def describe_kind(name: str, cylinder: bool) -> str:

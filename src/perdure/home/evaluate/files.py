@@ -29,7 +29,7 @@ from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
 if TYPE_CHECKING:
     import polars as pl
 
-SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "4"
+SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "5"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
 _RESERVED = (*FORMAT, "sha256")
 POLICIES = dict[str, str]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Annotated, Literal, get_args
@@ -19,7 +20,18 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
-from perdure.home.tasks.tasks import PREDICATES, TASKS, HomeTask, WorldFacts, at, get_task, predicate
+from perdure.home.sim.pieces import CONTAINERS
+from perdure.home.tasks.tasks import (
+    ABOUT_CONTAINERS,
+    SKILL_VERBS,
+    TASKS,
+    HomeTask,
+    Predicate,
+    Verb,
+    WorldFacts,
+    at,
+    get_task,
+)
 from perdure.schema import Choice, Flag, Kind, Real, Text, Whole
 
 UNTRAINED = -1
@@ -27,8 +39,6 @@ UNTRAINED = -1
 Ending = Literal["stopped", "timed out", "task limit"]
 """Why a skill run ended: its own stop rule, its step limit, or the task's step limit."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
-CONTAINERS = ("", "drawer", "fridge")
-"""Container of a target at the start: none, a drawer, the fridge."""
 MOVED, TURNED = 0.002, 0.01
 """Tracks leave out steps at which the object is within 2 mm of where it was, the height of its z axis within 0.01."""
 GRID = 2.0**-13
@@ -66,7 +76,7 @@ class Target:
 
     kind: Annotated[str, Column("YCB name", _NAME)]
     cylinder: Annotated[bool, Column("whether it is an upright cylinder (a can)", _FLAG)]
-    container: Annotated[str, Column('where it starts: "drawer", "fridge" or ""', Choice(CONTAINERS))]
+    container: Annotated[str, Column('container it starts in, such as "drawer", or ""', Choice(("", *CONTAINERS)))]
     goal: Annotated[
         Vec3, Column("goal of its middle, at rest and upright", _PLACE, "m", ("goal_x", "goal_y", "goal_z"))
     ]
@@ -96,19 +106,31 @@ class SkillRun:
 
 
 @dataclass(frozen=True)
+class ContainerPosition:
+    """How far a container is open."""
+
+    name: Annotated[str, Column("container, such as fridge", Choice(tuple(CONTAINERS)))]
+    position: Annotated[float, Column("how far it is open; 0 where the task has none", Real(-10.0, 10.0), "m or rad")]
+
+
+@dataclass(frozen=True)
 class Event:
     """The inputs of the stages' conditions, from this step to the next event.
 
     An event is due at step 0 and whenever `held`, a member of `in_goal`, or one of these changes: drawer at or above
-    0.4 m, at or below 0.1 m; fridge at or above 1.42 rad, at or below 0.15 rad. A grasp is an event at which `held`
-    becomes a target, a release one at which it ceases to be it.
+    0.4 m, at or below 0.1 m; fridge at or above 1.42 rad, at or below 0.15 rad; any other container at its own limits.
+    A grasp is an event at which `held` becomes a target, a release one at which it ceases to be it.
     """
 
     step: Annotated[int, Column("first step of this state", _STEP)]
     held: Annotated[int, Column("target in the hand; -1: nothing; -2: clutter or a handle", Whole(-2, 100))]
     in_goal: Annotated[tuple[bool, ...], Column("which targets are within 0.15 m of their goals", _FLAG, longest=100)]
-    drawer: Annotated[float, Column("how far the drawer of target 0 is out", Real(-10.0, 10.0), "m")]
-    fridge: Annotated[float, Column("how far the fridge's upper door is open", Real(-10.0, 10.0), "rad")]
+    containers: Annotated[tuple[ContainerPosition, ...], Column("how far containers are open", longest=100)]
+
+    @cached_property
+    def positions(self) -> Mapping[str, float]:
+        """How far each container is open in [m] or [rad], by name."""
+        return {each.name: each.position for each in self.containers}
 
 
 @dataclass(frozen=True)
@@ -222,6 +244,7 @@ class EpisodeLog:
 
     def __post_init__(self) -> None:
         about = [*(run.target for run in self.runs), *(release.target for release in self.releases)]
+        positions = self.events[0].positions if self.events else {}
         for wrong, sentence in (
             (not self.strategy, "no strategy: it must name what was run"),
             (len(self.targets) != len(get_task(self.task).targets), f"{len(self.targets)} targets"),
@@ -231,11 +254,12 @@ class EpisodeLog:
             (not self.events or self.events[0].step != 0, "no event at step 0"),
             ((np.diff(self._event_steps, append=self.length) <= 0).any(), "events out of order"),
             (any(len(e.in_goal) != len(self.targets) for e in self.events), "events about other targets"),
+            (len({tuple(e.positions) for e in self.events}) > 1, "events about other containers"),
             (any(not 0 <= k < len(self.targets) for k in about), "a run or release of an unknown target"),
             (any(e.held >= len(self.targets) for e in self.events), "a held target that is not there"),
             (any(r.ending not in ENDINGS for r in self.runs), f"a run's ending that is none of {ENDINGS}"),
             (any(not 0 <= r.begin <= r.end <= self.steps for r in self.runs), "runs outside its steps"),
-            (any(t.container not in CONTAINERS for t in self.targets), f"a container that is none of {CONTAINERS}"),
+            (any(t.container not in ("", *positions) for t in self.targets), "a container that its events lack"),
             (any(r.track.step[-1] >= self.length for r in self.releases), "a track beyond its end"),
         ):
             if wrong:
@@ -269,9 +293,10 @@ class EpisodeLog:
         """Return the skill that acted at a step, None if none did."""
         return next((run for run in self.runs if run.begin <= step < run.end), None)
 
-    def run(self, skill: str, target: int) -> SkillRun | None:
-        """Return the last run of a skill (or of any whose name begins so) for a target, None if it never ended."""
-        return next((r for r in reversed(self.runs) if r.skill.startswith(skill) and r.target == target), None)
+    def run(self, verb: Verb, target: int) -> SkillRun | None:
+        """Return the last run of a skill that does this for a target, None if it never ended."""
+        found = [run for run in self.runs if SKILL_VERBS.get(run.skill) == verb and run.target == target]
+        return found[-1] if found else None
 
 
 def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
@@ -290,9 +315,6 @@ def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
     return np.array(kept)
 
 
-_DOORS = [predicate(f"{name}()") for name in PREDICATES if name.endswith(("drawer", "fridge"))]
-
-
 @dataclass(frozen=True)
 class History:
     """An episode and the settling time after it, step by step.
@@ -302,7 +324,7 @@ class History:
     """
 
     facts: WorldFacts
-    """Targets, goals, held, drawer, fridge. Leading axis (steps,)."""
+    """Targets, goals, held, containers. Leading axis (steps,)."""
     up: FloatArray
     """Height of the targets' own z axes: 1 upright, 0 lying. Shape (steps, targets)."""
     speed: FloatArray
@@ -324,15 +346,15 @@ class History:
     def events(self) -> tuple[Event, ...]:
         """The state at the first step, and at each step at which a condition of a stage may change."""
         facts, inside = self.facts, at(self.facts)
-        state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in _DOORS)]).astype(np.int64)
+        doors = [Predicate(state, container=name) for name in facts.containers for state in ABOUT_CONTAINERS]
+        state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in doors)]).astype(np.int64)
         changes = np.concatenate([[0], 1 + np.flatnonzero((state[1:] != state[:-1]).any(axis=1))])
         return tuple(
             Event(
                 step=int(k),
                 held=int(facts.held[k]),
                 in_goal=tuple(map(bool, inside[k])),
-                drawer=float(facts.drawer[k]),
-                fridge=float(facts.fridge[k]),
+                containers=tuple(ContainerPosition(name, float(q[k])) for name, q in facts.containers.items()),
             )
             for k in changes
         )

@@ -22,8 +22,20 @@ import numpy as np
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.sim.simulator import GRASP_RADIUS
-from perdure.home.tasks.tasks import AT, DRAWER_OPEN, FRIDGE_OPENED, NOTHING, SOMETHING_ELSE, Predicate, WorldFacts, at
+from perdure.home.tasks.tasks import (
+    ABOUT_CONTAINERS,
+    AT,
+    NOTHING,
+    SKILL_VERBS,
+    SOMETHING_ELSE,
+    Predicate,
+    Stage,
+    Verb,
+    WorldFacts,
+    at,
+)
 
 Counting = Literal["latched", "stabilizing"]
 COUNTINGS: tuple[Counting, ...] = get_args(Counting)
@@ -90,8 +102,9 @@ def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
     goals = np.array([target.goal for target in log.targets])
     beside = np.zeros((len(steps), *goals.shape))
     beside[..., 0] = np.where(np.array([event.in_goal for event in events]), 0.0, _OUTSIDE)
-    state = (np.array([getattr(event, name) for event in events]) for name in ("held", "drawer", "fridge"))
-    return steps, WorldFacts(goals + beside, goals, *state)
+    held = np.array([event.held for event in events])
+    containers = {name: np.array([event.positions[name] for event in events]) for name in events[0].positions}
+    return steps, WorldFacts(goals + beside, goals, held, containers)
 
 
 @_once
@@ -120,11 +133,14 @@ def handled(log: EpisodeLog, target: int, once: bool = False) -> tuple[int, int]
     None when its pick never ended; when no place ended after the last pick, the rest of the episode. `once`: to its
     first place, as if the plan had not looked again.
     """
-    runs = [run for run in log.runs if run.target == target and run.skill.startswith(("pick", "place"))]
-    picks = [run.begin for run in runs if run.skill.startswith("pick")]
-    if once:
-        runs = runs[: 1 + next((k for k, run in enumerate(runs) if run.skill.startswith("place")), len(runs))]
-    return (picks[0], runs[-1].end if runs[-1].skill.startswith("place") else log.steps) if picks else None
+    runs = [run for run in log.runs if run.target == target and SKILL_VERBS.get(run.skill) in (Verb.PICK, Verb.PLACE)]
+    picks = [run.begin for run in runs if SKILL_VERBS[run.skill] == Verb.PICK]
+    places = [k for k, run in enumerate(runs) if SKILL_VERBS[run.skill] == Verb.PLACE]
+    if not picks:
+        return None
+    if once and places:
+        runs = runs[: places[0] + 1]
+    return picks[0], runs[-1].end if SKILL_VERBS[runs[-1].skill] == Verb.PLACE else log.steps
 
 
 def stays(log: EpisodeLog, target: int, once: bool = False) -> bool:
@@ -165,9 +181,10 @@ def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
     first, then drawer and fridge, then the hand. None when the stage's own skill never ended, or began only when the
     episode was over.
     """
-    conditions = sorted(log.home_task.stages[stage].conditions, key=_rank)
-    skill, _, target = log.home_task.stages[stage].name.partition("_")
-    if (run := log.run(skill, int(target))) is None:
+    wanted = log.home_task.stages[stage]
+    conditions = sorted(wanted.conditions, key=_rank)
+    run = log.run(wanted.verb, wanted.target)
+    if run is None:
         return None
     begin = max(run.begin, stage_steps(log)[stage - 1] if stage else 0)
     steps, facts = moments(log)
@@ -182,8 +199,8 @@ def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
 
 def _rank(condition: Predicate) -> tuple[int, int]:
     """Return order in which conditions are blamed."""
-    group = 0 if condition.name == "at" else 2 if condition.name in ("holding", "not_holding") else 1
-    return group, -1 if condition.target is None else condition.target
+    groups = {"at": 0, **dict.fromkeys(ABOUT_CONTAINERS, 1)}
+    return groups.get(condition.name, 2), -1 if condition.target is None else condition.target
 
 
 def placement(log: EpisodeLog, target: int, once: bool = False) -> Release | None:
@@ -203,24 +220,22 @@ def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> F
     if condition is not None and condition.name == "at":
         assert condition.target is not None
         return placement_cause(log, placement(log, condition.target))
-    skill, _, target = log.home_task.stages[stage].name.partition("_")
-    run = log.run(skill, int(target))
+    run = log.run(log.home_task.stages[stage].verb, log.home_task.stages[stage].target)
     if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
         return "time-out"
     if condition.name == "holding":
         return _pick_cause(log, run)
     if _collided(log, run):
         return "collision"
-    return "door not open" if condition.name.startswith("opened") else "door not closed"
+    return "door not open" if condition.name == "opened" else "door not closed"
 
 
 def _pick_cause(log: EpisodeLog, run: SkillRun) -> FailureCause:
     held = {e.held for e in log.events if run.begin <= e.step < run.end} | {log.at(run.begin).held}
     if any(each == SOMETHING_ELSE or each >= 0 for each in held - {run.target}):
         return "wrong object grasped"
-    begin, container = log.at(run.begin), log.targets[run.target].container
-    shut = {"drawer": begin.drawer < DRAWER_OPEN, "fridge": begin.fridge < FRIDGE_OPENED}
-    if shut.get(container, False):
+    container = log.targets[run.target].container
+    if container and log.at(run.begin).positions[container] < CONTAINERS[container].opened:
         return "door not open"
     if _collided(log, run):
         return "collision"
@@ -348,7 +363,7 @@ def tilt(up: FloatArray) -> FloatArray:
 class Label:
     """Why an episode failed."""
 
-    stage: str
+    stage: Stage
     """First unmet stage."""
     cause: FailureCause
     target: int
@@ -366,10 +381,10 @@ def label(log: EpisodeLog, counting: Counting) -> Label | None:
     number = counted.index(False)
     stage = log.home_task.stages[number]
     condition = Predicate("at", stage.placed) if reached[number] else blamed(log, number)
-    target = int(stage.name.partition("_")[2])
+    target = stage.target
     if condition is not None and condition.name == "at" and condition.target is not None:
         target = condition.target
-    return Label(stage.name, failure_cause(log, number, condition), target, condition)
+    return Label(stage, failure_cause(log, number, condition), target, condition)
 
 
 def outcome(log: EpisodeLog) -> str:

@@ -190,7 +190,9 @@ OUT_OF_RANGE = {
     "held 99": ("events", put(0, "held", 99), "held"),
     "a held target that is not there": ("events", put(0, "held", 3), "a held target that is not there"),
     "in_goal that is null": ("events", put(0, "in_goal", None), "in_goal"),
-    "nan as drawer": ("events", put(0, "drawer", float("nan")), "drawer"),
+    "nan as position of the drawer": ("events", put(0, "containers", 0, "position", float("nan")), "position"),
+    "an unknown container": ("events", put(0, "containers", 0, "name", "wardrobe"), "name"),
+    "no container in one event": ("events", put(0, "containers", []), "other containers"),
     "an infinite goal": ("targets", put(0, "goal_x", float("inf")), "goal_x"),
     "an escape in a kind": ("targets", put(0, "kind", "\x1b[2J"), "kind"),
     "a negative force": ("runs", put(0, "force", -1.0), "force"),
@@ -255,7 +257,7 @@ def test_files_of_another_schema_version_or_shape_are_refused(path):
     frame = pl.read_parquet(path)
     for notes, table, sentence in (
         ({"schema": "perdure.extrapolation"}, frame, "not one of the schema"),
-        ({"version": "2"}, frame, "reads version 4"),
+        ({"version": "2"}, frame, "reads version"),
         ({}, frame.drop("runs"), "runs"),
         ({}, frame.with_columns(pl.lit(1).alias("extra")), "extra"),
         ({}, pl.concat([frame, frame]), "twice"),

@@ -31,8 +31,8 @@ class World:
 
     @property
     def facts(self):
-        held, drawer, fridge = np.array(self.held), *map(np.array, self.doors.values())
-        return WorldFacts(self.objects.copy(), self.episode.goal_positions, held, drawer, fridge)
+        containers = {name: np.array(position) for name, position in self.doors.items()}
+        return WorldFacts(self.objects.copy(), self.episode.goal_positions, np.array(self.held), containers)
 
     def act(self, step):
         """Do what a step is for; return whether that was possible."""
