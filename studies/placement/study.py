@@ -7,6 +7,7 @@ from pathlib import Path
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import analyze as analyze_logs
+from perdure.home.evaluate.counts import counts_table
 from perdure.home.evaluate.page import read_all
 from perdure.home.evaluate.protocol import LOGS, episode_blocks, protocol_units
 from perdure.report.charts import save
@@ -66,7 +67,7 @@ def update_tables(grid: Sequence[Row], out: Path) -> Tables:
         return tables
     records, notes = read_all(paths)
     analysis = analyze_logs(records)
-    tables = with_logs(tables, analysis, notes.tables["hand_overs"])
+    tables = with_logs(tables, analysis, notes.tables["hand_overs"], counts_table(records))
     # The speeds are of all these rows together: some of them alone would be another sample.
     pooled = [bool(logs[row]) for row in grid if row.split == "eval" and row.strategy.endswith(f" {DRAG}")]
     return {**tables, "release-speed": release_speeds(analysis.placements)} if pooled and all(pooled) else tables

@@ -13,7 +13,9 @@ import polars as pl
 from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import AT_RELEASE, GROUP, SAME_PLACEMENT, Analysis, paired_difference
 from perdure.home.evaluate.comparison import describe_task, interval_text, percent
-from perdure.home.evaluate.outcomes import COUNTINGS, Counting
+from perdure.home.evaluate.counts import COUNTS
+from perdure.home.evaluate.outcomes import COUNTINGS
+from perdure.home.evaluate.protocol import NO_FALLBACK
 from perdure.home.sim.objects import KINDS, ROLLING
 from studies.files import read_csv, write_csv
 from studies.placement.grid import RELEASES, STRATEGIES, TASKS, THESIS_ROWS, TRAINED
@@ -41,6 +43,12 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
         **dict.fromkeys(AT_RELEASE, pl.Float64),
     },
     "hand-overs": {**_KEYS, "outcome": pl.String, "count": pl.Int64},
+    "counts": {
+        **_KEYS,
+        **dict.fromkeys(("train_seeds", "eval_seeds", "episodes", "taken_over"), pl.Int64),
+        **{f"{name} {bound}": pl.Float64 for name in COUNTS for bound in ("mean", "lower", "upper")},
+        "method": pl.String,
+    },
     "differences": {
         **dict.fromkeys(("task", "split", "first", "second"), pl.String),
         **{"units": pl.Int64, "method": pl.String},
@@ -54,7 +62,7 @@ COLUMNS: Mapping[str, Mapping[str, type[pl.DataType]]] = {
 """Columns of every CSV file, see `perdure.home.evaluate.analysis`: shares, [m], [m/s], [deg]. `differences` are second
 minus first; `interval` counts from 0 between `SPEED_BOUNDS`."""
 OPTIONAL = {name for name, columns in COLUMNS.items() for name in columns if name.endswith(("lower", "upper", "error"))}
-OPTIONAL |= {"median_speed"}
+OPTIONAL |= {"median_speed", *(f"{name} mean" for name in COUNTS)}
 THESIS = {("set_table", "rl"): ("41.8 %", "45.4 %"), ("set_table", "ik"): ("65.3 %", "18.0 %")}
 """Success and failed placements in section 2.3 of the thesis."""
 PAIRS = (*(("rl", other) for other in (*RELEASES[1:], *TRAINED)), ("stop", "ik"), ("stop", "guarded"))
@@ -85,11 +93,12 @@ def write_tables(folder: Path, tables: Tables) -> list[Path]:
     return [write_csv(folder / f"{name}.csv", table) for name, table in tables.items() if len(table)]
 
 
-def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame) -> Tables:
+def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame, counts: pl.DataFrame) -> Tables:
     """Return tables in which rows of logs replace rows about the same; all others stay."""
     new = {name: getattr(analysis, name) for name in ("success", "seeds", "stages", "outcomes", "modes", "kinds")}
     new["modes"] = new["modes"].filter(counting="stabilizing")
     new["hand-overs"] = hand_overs
+    new["counts"] = counts
     merged, subjects = dict(known), analysis.success.select(GROUP)
     for name, table in new.items():
         kept = known[name].join(subjects, on=GROUP, how="anti", maintain_order="left")
@@ -106,6 +115,7 @@ def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
     for (task, split), group in analysis.success.group_by(GROUP[:2], maintain_order=True):
         episodes, placements = (t.filter(task=task, split=split) for t in (analysis.episodes, analysis.placements))
         paired = [(before, f"{before} closed") for before in group["strategy"]]
+        paired += [(before, f"{before} {NO_FALLBACK}") for before in group["strategy"]]
         for (first, second), before in product(PAIRS, group["strategy"]):
             strategy, space, world = before.partition(" ")
             paired += [(before, f"{second}{space}{world}")] if strategy == first else []
@@ -143,18 +153,27 @@ def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
 
 
 def success_rows(tables: Tables, split: str = "eval") -> list[Row]:
-    """Return the rows of `success` of a split with `place`, `planner` and `rolling` [m], in order."""
+    """Return the rows of `success` of a split with `place`, `planner` and `rolling` [m], in order.
+
+    Those without fallback are not among them: they are in `counts_rows`.
+    """
+    return [row for row in _grid_rows(tables["success"].filter(split=split)) if row["fallback"] == "oracle"]
+
+
+def _grid_rows(table: pl.DataFrame) -> list[Row]:
+    """Return the rows of a table that the grid has, with what the grid says of them, in order."""
     known = {row.strategy: row for row in THESIS_ROWS}
     rows = []
-    for row in tables["success"].filter(split=split).to_dicts():
+    for row in table.to_dicts():
         if found := known.get(row["strategy"]):
-            rows.append({**row, **{name: getattr(found, name) for name in ("place", "planner", "rolling")}})
+            of = {name: getattr(found, name) for name in ("place", "planner", "rolling", "fallback")}
+            rows.append({**row, **of})
     return sorted(rows, key=lambda row: (TASKS.index(row["task"]), STRATEGIES.index(row["place"]), row["rolling"]))
 
 
-def share(row: Mapping[str, Any] | None, way: Counting = "stabilizing") -> str:
-    """Return a success with its 95 % interval: "18.6 % [0, 43]"; nothing for no row."""
-    return "" if row is None else interval_text({**row, f"{way} standard_error": None}, way, digits=0)
+def share(row: Mapping[str, Any], way: str = "stabilizing") -> str:
+    """Return a share with its 95 % interval: "18.6 % [0, 43]"; nothing for an unknown one."""
+    return "" if row[f"{way} mean"] is None else interval_text({**row, f"{way} standard_error": None}, way, digits=0)
 
 
 def _table(rows: Iterable[Mapping[str, str]]) -> pl.DataFrame:
@@ -202,6 +221,21 @@ def thesis_table(tables: Tables) -> pl.DataFrame:
     return _table(rows)
 
 
+def counts_page_table(tables: Tables) -> pl.DataFrame:
+    """Return the four counts of every row of the default world on an unseen layout that was counted."""
+    rows = []
+    for row in _grid_rows(tables["counts"].filter(split="eval")):
+        if row["rolling"] != ROLLING:
+            continue
+        cells = {"task": describe_task(row["task"]), "release": f"`{row['place']}`", "planner": row["planner"]}
+        cells["fallback"] = row["fallback"] if row["planner"] == "closed" else ""
+        for name in COUNTS:
+            cells[name.replace("_", " ")] = share(row, name)
+        cells["oracle took over"] = f"{row['taken_over']} of {row['episodes']}"
+        rows.append(cells)
+    return _table(rows)
+
+
 def _cells(cells: dict[tuple[str, str], dict[str, str]], row: Row) -> dict[str, str]:
     names = {"task": describe_task(row["task"]), "release": f"`{row['place']}`"}
     return cells.setdefault((row["task"], row["place"]), names)
@@ -211,5 +245,6 @@ PAGE_TABLES: Mapping[str, Callable[[Tables], pl.DataFrame]] = {
     "tasks": task_table,
     "rolling": rolling_table,
     "thesis": thesis_table,
+    "counts": counts_page_table,
 }
 """Name after `table:` in a page to the function that makes the table."""

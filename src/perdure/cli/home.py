@@ -39,6 +39,13 @@ PlannerName = Annotated[
     Literal["open", "closed"],
     tyro.conf.arg(help="open: the task's plan runs whatever happens. closed: it is planned again after each skill."),
 ]
+Fallback = Annotated[
+    Literal["oracle", "none"],
+    tyro.conf.arg(
+        help="With --planner closed, who acts once a skill has failed three times. oracle: the scripted oracle. none: "
+        "the policy again; after five attempts the target is given up and the plan goes on."
+    ),
+]
 World = Annotated[WorldOptions, tyro.conf.OmitArgPrefixes]
 
 
@@ -156,6 +163,7 @@ class Shown:
     train_seed: int = 0
     """Training seed of the shipped policies."""
     planner: PlannerName = "open"
+    fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""
     logs: tuple[Path, ...] = ()
@@ -176,12 +184,12 @@ class Shown:
         chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
         if not self.logs:
             scene = SceneOptions(**vars(self.world))
-            options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner)
+            options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner, fallback=self.fallback)
             first = EvaluationProtocol(self.task, "rl", self.split, episodes=1, policies=chosen, options=options)
             named = [replace(first, place=each) for each in self.place or ("rl",)]
             return episode, [Agent(each, self.train_seed) for each in named]
-        if (self.planner, self.world) != ("open", WorldOptions()):
-            raise PerdureError("with --logs, planner and physics are those of the logs: leave them out")
+        if (self.planner, self.fallback, self.world) != ("open", "oracle", WorldOptions()):
+            raise PerdureError("with --logs, planner, fallback and physics are those of the logs: leave them out")
         runs = read_logged(
             log_files(self.logs),
             wanted=lambda log: (
@@ -296,6 +304,7 @@ def run(
     eval_seeds: int = 1,
     policies: Policies = (),
     planner: PlannerName = "open",
+    fallback: Fallback = "oracle",
     world: World = WorldOptions(),  # noqa: B008 - frozen
     cores: Cores = None,
     on: On = "local",
@@ -324,7 +333,8 @@ def run(
     from perdure.runs.progress import show_progress
 
     check_folder(out)
-    chosen, options = parse_policies(policies), ExecutorOptions(scene=SceneOptions(**vars(world)), planner=planner)
+    chosen = parse_policies(policies)
+    options = ExecutorOptions(scene=SceneOptions(**vars(world)), planner=planner, fallback=fallback)
     protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, chosen, options)
     with show_progress(f"{task} {place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)

@@ -75,7 +75,8 @@ class Agent:
         words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
         if len(learned) in (0, len(self.policies)):
             words = "learned policies" if learned else "the scripted oracle"
-        if learned and self.protocol.options.planner == "closed":
+        options = self.protocol.options
+        if learned and options.planner == "closed" and options.fallback == "oracle":
             words += ", after three failures the oracle"
         return f"{self.protocol.name}: {words}"
 

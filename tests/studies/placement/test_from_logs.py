@@ -13,7 +13,7 @@ from perdure.runs import Store, attempt
 from studies.placement.figures import speed_figures
 from studies.placement.grid import Row
 from studies.placement.study import update_tables
-from studies.placement.tables import read_tables, write_tables
+from studies.placement.tables import PAGE_TABLES, read_tables, write_tables
 
 COMMITTED = Path(__file__).parents[3] / "results" / "placement" / "tables"
 ROW = Row("set_table", "stop", "eval", "closed", 0.0, 1, 1, 1, 1)
@@ -53,7 +53,7 @@ def test_a_row_without_policies_is_refused(out):
         list(protocol_units(replace(ROW, place="delta-7").protocol(), "", Store(out)))
 
 
-@pytest.mark.parametrize("name", ["success", "seeds", "stages", "outcomes", "modes", "kinds", "hand-overs"])
+@pytest.mark.parametrize("name", ["success", "seeds", "stages", "outcomes", "modes", "kinds", "hand-overs", "counts"])
 def test_logs_replace_their_rows_and_no_other(out, after, name):
     before = read_tables(out / "tables")
     assert others(after[name]).equals(others(before[name]))
@@ -85,6 +85,17 @@ def test_the_new_rows_tell_what_the_episode_did(after):
     stages = after["stages"].filter(**SUBJECT, counting="latched")
     assert stages["mean"][-1] == success["latched mean"]
     assert after["outcomes"].filter(**SUBJECT)["count"].sum() == 1
+
+
+def test_the_four_counts_of_new_rows_are_counted_and_shown(after):
+    (row,) = after["counts"].filter(**SUBJECT).to_dicts()
+    (success,) = after["success"].filter(**SUBJECT).to_dicts()
+    assert (row["episodes"], row["stays mean"]) == (1, success["stabilizing mean"])
+    assert row["all_four mean"] == min(row[f"{name} mean"] for name in ("stays", "upright", "undisturbed", "soft"))
+    usual = {**after, "counts": after["counts"].with_columns(strategy=pl.lit("stop closed no-fallback"))}
+    (shown,) = PAGE_TABLES["counts"](usual).to_dicts()
+    assert (shown["release"], shown["planner"], shown["fallback"]) == ("`stop`", "closed", "none")
+    assert shown["oracle took over"] == f"{row['taken_over']} of 1"
 
 
 def test_release_speeds_count_every_placement(after):

@@ -47,7 +47,12 @@ RELEASES = {
     "ik": "stop, lower 5 cm",
     "guarded": "stop, lower to contact",
 }
-WORLDS = {"drag": "drag only", "hull-apple": "apple a convex hull", "closed": "planned again after each skill"}
+WORLDS = {
+    "drag": "drag only",
+    "hull-apple": "apple a convex hull",
+    "closed": "planned again after each skill",
+    "no-fallback": "without fallback",
+}
 """Word in the name of a strategy to what a reader sees."""
 OUTCOMES = {
     SUCCESS: "every object stayed",
@@ -312,7 +317,7 @@ def success_table(view: View) -> Table:
     return Table("Success", headings, rows, note)
 
 
-def interval_text(row: Mapping[str, Any], counting: Counting, digits: int = 1) -> str:
+def interval_text(row: Mapping[str, Any], counting: str, digits: int = 1) -> str:
     """Return a success with standard error and 95 % interval: "50.0 +- 14.4 % [12.3, 87.7]"."""
     found = (row[f"{counting} {name}"] for name in ("mean", "standard_error", "lower", "upper"))
     mean, error, low, high = (math.nan if value is None else 100 * value for value in found)

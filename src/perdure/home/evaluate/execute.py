@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
-from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName, needed_skills
+from perdure.home.tasks.planners import PLANNERS, FallbackName, Planner, PlannerName, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
 OVERTIME = 150
@@ -51,10 +51,17 @@ class ExecutorOptions:
     """Control steps of the settling time, 1 or more."""
     planner: PlannerName = "open"
     """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
+    fallback: FallbackName = "oracle"
+    """Of the closed loop: "oracle" takes over a skill that failed often; "none": its target is given up at last."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown planner, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
+        """Refuse unknown names, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
         lookup(PLANNERS, self.planner, "planner")
+        lookup(dict.fromkeys(get_args(FallbackName)), self.fallback, "fallback")
+        if self.fallback != "oracle" and self.planner == "open":
+            raise PerdureError(
+                f"fallback {self.fallback} needs planner closed: with planner open the oracle never takes over"
+            )
         least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
             if value is not None and value < low:
@@ -265,7 +272,7 @@ class Executor:
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        planner = PLANNERS[self._options.planner](episode)
+        planner = PLANNERS[self._options.planner](episode, self._options.fallback)
         each = Running(episode, planner, Recorder(episode), door_links(episode, scene))
         each.current = planner.next(each.facts(world, lane))
         return each

@@ -28,6 +28,8 @@ from perdure.schema import read_json
 BLOCK = 50
 """Episodes in a block: a killed run loses at most one block, about a minute; blocks run side by side."""
 LOGS = "logs.parquet"
+NO_FALLBACK = "no-fallback"
+"""Last word in the name of a strategy in which the oracle takes over no skill."""
 
 Policies = Mapping[SkillName, SkillPolicy]
 
@@ -67,9 +69,13 @@ class EvaluationProtocol:
 
     @property
     def name(self) -> str:
-        """How logs call it: `place`, what is unusual in the world, and `closed` for this planner: `rl drag closed`."""
-        planner = self.options.planner
-        return " ".join((self.place, *self.options.scene.words, *([] if planner == "open" else [planner])))
+        """How logs call it: `place`, then what is unusual in world, planner, fallback: `rl drag closed no-fallback`."""
+        words = [self.place, *self.options.scene.words]
+        if self.options.planner != "open":
+            words.append(self.options.planner)
+        if self.options.fallback == "none":
+            words.append(NO_FALLBACK)
+        return " ".join(words)
 
     @property
     def folder(self) -> str:
@@ -193,6 +199,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
         **({} if protocol.options.planner == "open" else {"planner": protocol.options.planner}),
+        **({} if protocol.options.fallback == "oracle" else {"fallback": protocol.options.fallback}),
         **versions("mujoco"),
     }
 

@@ -285,6 +285,27 @@ class EnoughError(Exception):
     """The pick has been seen."""
 
 
+def test_without_fallback_the_policy_tries_on_and_the_target_is_given_up():
+    skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()
+    agents = {name: Scripted() if name == "reset_arm" else oracle for name in SKILLS} | {"pick": Idle()}
+    options = ExecutorOptions(lanes=1, threads=1, planner="closed", fallback="none")
+    picks = []
+
+    def observe(world, running):
+        step = running[0].current
+        if step is not None and step.skill == "pick" and (step.target, step.attempt) not in picks:
+            picks.append((step.target, step.attempt))
+            assert not step.scripted
+            if step.target != picks[0][0]:
+                raise EnoughError
+
+    executor = Executor(skills, agents, options)
+    with pytest.raises(EnoughError):
+        list(executor.run([load_episodes("tidy_house", "val")[0]], observe))
+    first = picks[0][0]
+    assert picks[:-1] == [(first, attempt) for attempt in range(1, 6)]
+
+
 def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
     """A pick that never grasps is tried three times, from different places, and then by the oracle, which succeeds."""
     skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()

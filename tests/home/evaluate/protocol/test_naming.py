@@ -10,9 +10,10 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.evaluate.comparison import describe
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
+from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol, protocol_units
 from perdure.home.sim.objects import AppleShape
 from perdure.home.sim.scene import LEVERS, SceneOptions
+from perdure.runs import Store
 
 PLACES = ("rl", "stop", "ik", "guarded", "delta-50", "hand", "geometric-50")
 
@@ -46,6 +47,34 @@ def test_a_closed_loop_has_a_name_a_folder_and_words_of_its_own():
     assert describe("ik closed") == "stop, lower 5 cm, planned again after each skill"
     assert "open_fridge" in protocol.skills()
     assert protocol.policies_of(0)["open_fridge"].learned
+
+
+def test_a_closed_loop_without_fallback_has_a_name_and_an_identity_of_its_own(tmp_path):
+    protocols = [
+        EvaluationProtocol("tidy_house", "rl", options=ExecutorOptions(planner="closed", fallback=fallback))
+        for fallback in ("oracle", "none")
+    ]
+    assert [each.name for each in protocols] == ["rl closed", "rl closed no-fallback"]
+    assert describe(protocols[1].name).endswith("without fallback")
+    assert noted_protocol({"protocol": json.dumps(asdict(protocols[1]))}, "it") == protocols[1]
+    configs = [next(protocol_units(each, "", Store(tmp_path))).config for each in protocols]
+    assert configs[1] == {**configs[0], "fallback": "none"}
+    assert "fallback" not in configs[0]  # what was run before there was a choice stays valid
+
+
+def test_a_log_from_before_there_was_a_choice_had_the_oracle_as_fallback():
+    protocol = EvaluationProtocol("tidy_house", "rl", options=ExecutorOptions(planner="closed"))
+    noted = asdict(protocol)
+    del noted["options"]["fallback"]
+    assert noted_protocol({"protocol": json.dumps(noted)}, "it") == protocol
+
+
+@pytest.mark.parametrize(
+    ("planner", "fallback", "word"), [("open", "none", "planner closed"), ("closed", "oracel", "oracle")]
+)
+def test_a_fallback_that_cannot_be_is_refused(planner, fallback, word):
+    with pytest.raises(PerdureError, match=word):
+        ExecutorOptions(planner=planner, fallback=fallback)
 
 
 def test_a_scene_without_clutter_has_a_name_of_its_own():
