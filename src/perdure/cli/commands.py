@@ -66,18 +66,33 @@ def main(name: str, args: list[str]) -> None:
     if task is None and {"-h", "--help"}.isdisjoint(args):
         raise PerdureError("train needs a task first, as in: perdure train Hopper-v3 --method geometric")
     preset = _value(args, "--preset", usual_preset(task or ""))
-    call(train_command(task, _value(args, "--method", "geometric"), preset), args, name)
+    start = _value(args, "--from", "")
+    seed = _value(args, "--seeds", "0")
+    call(train_command(task, _value(args, "--method", "geometric"), preset, start, seed), args, name)
 
 
-def train_command(task: str | None, method: str = "geometric", preset: str | None = None) -> Callable[..., None]:
-    """Return the command ``train``; task, method and preset set the defaults of the learner's settings."""
+def train_command(
+    task: str | None, method: str = "geometric", preset: str | None = None, start: str = "", seed: str = "0"
+) -> Callable[..., None]:
+    """Return the command ``train``; the arguments set the defaults of the learner's settings.
+
+    Args:
+        task: The task; None if only help is wanted.
+        method: The training method.
+        preset: The preset of hyperparameters.
+        start: The policy that training continues, or a folder; "" for none.
+        seed: One of the training seeds, as text: its policy in a folder says what the network looks like.
+    """
     from perdure.envs import task_spec
     from perdure.learn import PPOConfig, method_config
+    from perdure.learn.start import continued_config
 
     config = PPOConfig()
     if task is not None:
         spec = task_spec(task)
         config = method_config(method, task, spec.observation_size, preset, spec.default_horizon)
+        if start:
+            config = continued_config(config, Path(start), int(seed) if seed.isdecimal() else 0)
 
     def train(
         task: tyro.conf.Positional[str],
@@ -85,6 +100,7 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
         preset: str | None = None,
         name: str | None = None,
         disturb: tuple[str, ...] = (),
+        start: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
         seeds: tuple[int, ...] = (0,),
         out: Path = Path("runs"),
         cores: Cores = None,
@@ -102,6 +118,9 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
             name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
             disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
                 push:0.5 (see `perdure extrapolate --help`); the run is kept in OUT/TASK/METHOD+standard-1.
+            start: Policy that training continues: network and observation statistics are kept, the critic is new, and
+                a time-to-go input that it lacks begins with weights of 0. A folder: each seed continues its own policy
+                there. The run is kept in OUT/TASK/METHOD+continued.
             seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
             out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
             tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
@@ -113,8 +132,15 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 
-        variant = "+".join((method, *sorted(disturb))).replace(":", "-") if parse_disturbances(disturb) else method
-        run = TrainRun(task, name or variant, ppo, seeds, preset=preset, base_method=method, disturb=disturb)
+        parts = [method]
+        if start is not None:
+            parts.append("continued")
+        if parse_disturbances(disturb):
+            parts += sorted(disturb)
+        variant = "+".join(parts).replace(":", "-")
+        run = TrainRun(
+            task, name or variant, ppo, seeds, preset=preset, base_method=method, disturb=disturb, start=start
+        )
         with ExitStack() as stack:
             observers = [stack.enter_context(show_progress(f"{run.task} {run.method}", "steps"))]
             if tensorboard:

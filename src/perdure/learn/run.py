@@ -34,8 +34,20 @@ from perdure.learn.checkpoint import Metrics, RunState, load_checkpoint, save_ch
 from perdure.learn.config import PPOConfig
 from perdure.learn.ppo import PPO
 from perdure.learn.presets import METHODS, ZOO, method_config
-from perdure.policy import Policy, measure_reference, save_policy
-from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, versions, write_atomic
+from perdure.learn.start import start_file, trained_steps
+from perdure.policy import Policy, find_policy, load_policy, measure_reference, save_policy
+from perdure.runs import (
+    Observer,
+    Status,
+    Store,
+    Unit,
+    Work,
+    check_on,
+    file_digest,
+    run_missing,
+    versions,
+    write_atomic,
+)
 from perdure.runs.progress import Lines, total_share
 from perdure.schema import parquet_bytes
 
@@ -54,8 +66,8 @@ class Algorithm(Protocol):
     def diagnostics(self) -> tuple[str, ...]:
         """Names of `Metrics.diagnostics`, in their order."""
 
-    def init(self, seed: int) -> Any:
-        """Return the state before training."""
+    def init(self, seed: int, start: Policy | None = None) -> Any:
+        """Return the state before training, of new weights or of a policy that training continues."""
 
     def start(self, state: Any, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> tuple[Any, Any]:
         """Begin a segment: return the state and the running environments, which were reset to `observations`."""
@@ -96,6 +108,9 @@ class TrainRun:
     """Digest of the files that the task reads; "" for none."""
     disturb: tuple[str, ...] = ()
     """What disturbs every training episode, all at once, sorted, such as "push:0.5"; each episode has its own draws."""
+    start: Path | None = None
+    """Policy that training continues, or a folder with one for each seed, see `perdure.learn.start`; None: new
+    weights."""
 
     def __post_init__(self) -> None:
         disturbances = parse_disturbances(self.disturb)
@@ -108,6 +123,8 @@ class TrainRun:
             raise PerdureError("a training run needs at least one seed")
         if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
             raise PerdureError(f"seeds must be different numbers from 0 to {MAX_SEED:,}, got {list(self.seeds)}")
+        for seed in self.seeds:
+            self._start(seed)  # a missing file is reported before anything runs
 
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
@@ -121,8 +138,14 @@ class TrainRun:
         identity |= {"preset": self.preset} if self.preset != ZOO else {}
         identity |= {"disturb": list(self.disturb)} if self.disturb else {}
         identity |= {"inputs": self.inputs} if self.inputs else {}
+        if self.start is not None:
+            identity["from"] = file_digest(Path(self._start(seed) or ""))
         source = task_source_digest(self.task)
         return identity | ({"source": source} if source else {})
+
+    def _start(self, seed: int) -> str | None:
+        """Return the policy that a seed continues as an absolute path, which another process can open."""
+        return None if self.start is None else str(find_policy(start_file(self.start, seed)).resolve())
 
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""
@@ -131,7 +154,7 @@ class TrainRun:
             self.key(seed),
             self.identity(seed),
             "perdure.learn.run:train_segment",
-            {"run": self, "seed": seed},
+            {"run": self, "seed": seed, "start": self._start(seed)},
             size=steps,
             cores=self.config.n_envs,
         )
@@ -226,8 +249,14 @@ def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
         writer.close()
 
 
-def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
+def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = None) -> bool:
     """Train one seed for one more segment; the function of `TrainRun.unit`.
+
+    Args:
+        work: The unit's folder and threads.
+        run: The training run.
+        seed: The training seed.
+        start: File of the policy that it continues.
 
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
@@ -239,7 +268,8 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
         checkpoint.unlink(missing_ok=True)
         return True
-    state = segments.first(seed)
+    policy = None if start is None else load_policy(start)
+    state = segments.first(seed, policy)
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, state)
     if state.segment < run.config.segments:
@@ -250,7 +280,7 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     for name, columns in (("episodes", EPISODE_COLUMNS), ("iterations", segments.columns)):  # no wall-clock times
         curve = pl.DataFrame(dict(zip(columns, getattr(state, name).T, strict=True)))
         write_atomic(work.folder / f"{name}.parquet", parquet_bytes(curve))
-    save_policy(export_policy(run, segments, state), work.folder / POLICY)
+    save_policy(export_policy(run, segments, state, start), work.folder / POLICY)
     checkpoint.unlink(missing_ok=True)
     return True
 
@@ -272,10 +302,11 @@ class Segments:
         """Columns of the curve with a row for each iteration."""
         return ("step", *self.algorithm.diagnostics)
 
-    def first(self, seed: int) -> RunState:
-        """Return the state of a seed's run before its first segment."""
-        rows = np.zeros((0, len(EPISODE_COLUMNS))), np.zeros((0, len(self.columns)))
-        return RunState(seed, 0, self.algorithm.init(seed), *rows)
+    def first(self, seed: int, start: Policy | None = None) -> RunState:
+        """Return the state of a seed's run before its first segment; `start`: the policy that it continues."""
+        episodes = np.zeros((0, len(EPISODE_COLUMNS)))
+        iterations = np.zeros((0, len(self.columns)))
+        return RunState(seed, 0, self.algorithm.init(seed, start), episodes, iterations)
 
     def run(self, state: RunState, progress: Callable[[int, float], None]) -> RunState:
         """Train a seed for its next segment. The memory of ``state``'s learner is reused.
@@ -328,8 +359,15 @@ def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
     return float(last.mean()) if len(last) else math.nan
 
 
-def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
-    """Return the policy of the final weights, with its provenance, measured within its training horizon."""
+def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str | None = None) -> Policy:
+    """Return the policy of the final weights, with its provenance, measured within its training horizon.
+
+    Args:
+        run: The training run.
+        segments: Its task and algorithm.
+        state: After its last segment.
+        start: File of the policy that it continued.
+    """
     spec = segments.spec
     policy = dataclasses.replace(
         segments.algorithm.policy(state.learner),
@@ -342,9 +380,15 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
             "command": command(run, spec, state.seed),
             **({} if run.preset == ZOO else {"preset": run.preset}),
             **({"disturb": list(run.disturb)} if run.disturb else {}),
+            **({} if start is None else {"from": _continued(start)}),
         },
     )
     return dataclasses.replace(policy, reference=measure_reference(policy))
+
+
+def _continued(start: str) -> dict[str, Any]:
+    """Return what a policy file says of the policy that it continues: its digest, and the steps it was trained for."""
+    return {"sha256": file_digest(Path(start)), "steps": trained_steps(load_policy(start))}
 
 
 def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
@@ -358,6 +402,7 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     words += [] if run.method == base else ["--name", run.method]
     words += ["--preset", str(run.preset), "--seeds", str(seed)]
     words += ["--disturb", *run.disturb] if run.disturb else []
+    words += ["--from", str(run.start)] if run.start is not None else []
     usual = method_config(base, run.task, spec.observation_size, run.preset, spec.default_horizon)
     try:
         words += _overrides(run.config, usual, "--ppo")
