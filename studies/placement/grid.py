@@ -10,6 +10,7 @@ from itertools import product
 from perdure.errors import PerdureError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.objects import ROLLING
 from perdure.home.sim.scene import LEVERS, SceneOptions
 from perdure.home.tasks.planners import FallbackName, PlannerName
@@ -48,9 +49,9 @@ class Row:
     fallback: FallbackName = "oracle"
 
     @property
-    def strategy(self) -> str:
-        """Strategy, world and planner as logs name them, such as "ik drag closed"."""
-        return self.protocol().name
+    def strategy(self) -> Strategy:
+        """What is run, as logs have it."""
+        return self.protocol().strategy
 
     @property
     def command(self) -> str:
@@ -97,7 +98,10 @@ def _without_fallback(rows: Iterable[Row]) -> tuple[Row, ...]:
     return tuple(replace(row, fallback="none") for row in rows)
 
 
-SET_TABLE, SMALL = TASKS[:1], LEVERS[:-1]
+SET_TABLE = TASKS[:1]
+SMALL = LEVERS[:-1]
+DRAG = strategy_of("", SceneOptions(rolling=0.0), "closed", "oracle").world
+"""The world in which only drag slows a rolling object, as logs have it."""
 JUDGED = ("rl", "stop")
 """Strategies that are judged as a person means it; the closed loop of the others is in phase 1."""
 THESIS_ROWS = (

@@ -115,10 +115,12 @@ def episode(
     for column in table.columns:
         column.no_wrap = True
     for number, placement in enumerate(shown.objects):
-        place, at = placement.receptacle.split("|")[0], _point(placement.position)
+        place = placement.receptacle.split("|")[0]
+        at = _point(placement.position)
         if number < len(shown.goals):
             goal = shown.goals[number]
-            target = (shown.container(number) or "", at, goal.receptacle.split("|")[0], _point(goal.position))
+            goal_place = goal.receptacle.split("|")[0]
+            target = (shown.container(number) or "", at, goal_place, _point(goal.position))
             table.add_row(str(number), placement.kind, place, *target)
         else:
             table.add_row("", placement.kind, place, "", at, "", "")
@@ -181,7 +183,8 @@ class Shown:
 
         if self.train_seed < 0:
             raise PerdureError(f"--train-seed must be 0 or more, not {self.train_seed}")
-        chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
+        chosen = parse_policies(self.policies)
+        episode = load_episodes(self.task, self.split)[self.index]
         if not self.logs:
             scene = SceneOptions(**vars(self.world))
             options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner, fallback=self.fallback)
@@ -195,7 +198,7 @@ class Shown:
             wanted=lambda log: (
                 (log.task, log.split, log.index, log.eval_seed) == (self.task, self.split, self.index, self.eval_seed)
                 and log.train_seed in (self.train_seed, UNTRAINED)
-                and (not self.place or log.strategy.partition(" ")[0] in self.place)
+                and (not self.place or log.place in self.place)
             ),
         )
         if not runs:
@@ -229,7 +232,7 @@ def video(
     episode, agents = shown.open()
     for log in film_episode(episode, out, agents, camera, size=size, speed=speed, release=release):
         stages = latched(log)
-        print(f"{log.strategy}: {sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
+        print(f"{log.strategy.name}: {sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
     print(out)
 
 

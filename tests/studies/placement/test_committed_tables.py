@@ -11,7 +11,7 @@ from perdure.errors import PerdureError
 from studies.files import read_csv
 from studies.placement import study
 from studies.placement.grid import GRIDS, TASKS
-from studies.placement.tables import COLUMNS, OPTIONAL, PAGE_TABLES, read_tables
+from studies.placement.tables import COLUMNS, KEYS, OPTIONAL, PAGE_TABLES, read_tables
 
 ROOT = Path(__file__).parents[3]
 COMMITTED = ROOT / "results" / "placement"
@@ -49,7 +49,7 @@ def test_every_table_of_the_page_is_one_of_the_study_and_not_empty(tables):
 
 
 def test_counts_fit_together(tables):
-    keys = ["task", "split", "strategy"]
+    keys = list(KEYS)
     totals = tables["success"].select(*keys, "episodes", "did_not_last", latched=pl.col("latched mean"))
     counts = (
         tables["outcomes"]
@@ -70,14 +70,20 @@ def test_counts_fit_together(tables):
 
 def test_what_the_answer_says_holds(tables):
     """Planning again wins in every task; how the hand opens decides where only drag slows a rolling object."""
-    rows = {(row["task"], row["strategy"]): row for row in tables["success"].filter(split="eval").to_dicts()}
+    success = tables["success"].filter(split="eval")
+    usual = {"place": "rl", "world": ""}
+    closed_loop = {"planner": "closed", "fallback": "oracle"}
+
+    def row(task, place="rl", world="", planner="closed", fallback="oracle"):
+        what = {"place": place, "world": world, "planner": planner, "fallback": fallback}
+        return success.filter(task=task, **what).row(0, named=True)
+
     for task in TASKS:
-        opened, closed, unseen = (
-            rows[task, "rl"],
-            rows[task, "rl closed"],
-            tables["success"].filter(task=task, split="eval-2", strategy="rl closed").row(0, named=True),
-        )
-        (gain,) = tables["differences"].filter(task=task, split="eval", first="rl", second="rl closed").to_dicts()
+        opened, closed = row(task, planner="open", fallback="none"), row(task)
+        unseen = tables["success"].filter(task=task, split="eval-2", **usual, **closed_loop).row(0, named=True)
+        pair = {"first place": "rl", "first planner": "open", "second place": "rl", "second planner": "closed"}
+        same = {"first world": "", "second world": "", "second fallback": "oracle"}
+        (gain,) = tables["differences"].filter(task=task, split="eval", **pair, **same).to_dicts()
         assert gain["episodes lower"] > 0.0
         assert gain["episodes estimate"] == pytest.approx(
             closed["stabilizing mean"] - opened["stabilizing mean"], abs=1e-6
@@ -86,12 +92,11 @@ def test_what_the_answer_says_holds(tables):
         assert closed["unaided"] >= 0.93 * closed["episodes"]
         assert abs(closed["stabilizing mean"] - unseen["stabilizing mean"]) <= 0.03
     unseen_split = pl.col("split").str.starts_with("eval")
-    unaided = tables["success"].filter(unseen_split, strategy="rl closed")
+    unaided = tables["success"].filter(unseen_split, **usual, **closed_loop)
     shares = unaided["unaided"] / unaided["episodes"]
-    closed, opened = (
-        pl.Series([rows[task, strategy]["stabilizing mean"] for task in TASKS]) for strategy in ("rl closed", "rl")
-    )
-    drag = pl.Series([rows["set_table", f"{place} drag closed"]["stabilizing mean"] for place in ("rl", "stop")])
+    closed = pl.Series([row(task)["stabilizing mean"] for task in TASKS])
+    opened = pl.Series([row(task, planner="open", fallback="none")["stabilizing mean"] for task in TASKS])
+    drag = pl.Series([row("set_table", place, "drag only")["stabilizing mean"] for place in ("rl", "stop")])
     for page, said, found in (
         ("README.md", "Without the script all are in place in {:.0f} to {:.0f} %", shares),
         ("README.md", "SetTable's success from {:.0f} % to {:.0f} %", drag),
@@ -105,13 +110,13 @@ def test_what_the_answer_says_holds(tables):
     assert closed.min() >= 0.99
     (stopped,) = (
         tables["differences"]
-        .filter(task="set_table", split="eval", first="rl drag closed", second="stop drag closed")
+        .filter(task="set_table", split="eval", **{"first place": "rl", "second place": "stop"})
+        .filter(**{"first world": "drag only", "first planner": "closed", "first fallback": "oracle"})
         .to_dicts()
     )
     assert stopped["episodes lower"] > 0.0
-    assert all(
-        rows["set_table", row.strategy]["stabilizing mean"] >= 0.8 for row in GRIDS["thesis"] if row.place == "gentle"
-    )
+    assert (success.filter(place="gentle")["stabilizing mean"] >= 0.8).all()
+    assert len(success.filter(place="gentle")) == sum(each.place == "gentle" for each in GRIDS["thesis"])
 
 
 EDITS = {

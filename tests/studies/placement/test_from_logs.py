@@ -18,7 +18,8 @@ from studies.placement.tables import PAGE_TABLES, read_tables, write_tables
 COMMITTED = Path(__file__).parents[3] / "results" / "placement" / "tables"
 ROW = Row("set_table", "stop", "eval", "closed", 0.0, 1, 1, 1, 1)
 GRID = (ROW,)
-SUBJECT = {"task": "set_table", "split": "eval", "strategy": "stop drag closed"}
+WHAT = {"place": "stop", "world": "drag only", "planner": "closed", "fallback": "oracle"}
+SUBJECT = {"task": "set_table", "split": "eval", **WHAT}
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +38,7 @@ def after(out):
 
 
 def others(table):
-    return table.filter(
-        ~((pl.col("task") == "set_table") & (pl.col("split") == "eval") & (pl.col("strategy") == "stop drag closed"))
-    )
+    return table.join(pl.DataFrame(SUBJECT), on=list(SUBJECT), how="anti", maintain_order="left")
 
 
 def test_a_row_of_which_episodes_are_missing_keeps_its_numbers(out):
@@ -63,10 +62,12 @@ def test_logs_replace_their_rows_and_no_other(out, after, name):
 def test_logs_remove_the_differences_of_replaced_rows(out, after):
     before = read_tables(out / "tables")["differences"]
     gone = before.join(after["differences"], on=before.columns, how="anti", nulls_equal=True)
-    assert sorted(gone.select("task", "split", "second", "first").rows()) == [
-        ("set_table", "eval", "guarded drag closed", "stop drag closed"),
-        ("set_table", "eval", "stop drag closed", "rl drag closed"),
+    assert sorted(gone.select("task", "split", "second place", "first place").rows()) == [
+        ("set_table", "eval", "guarded", "stop"),
+        ("set_table", "eval", "stop", "rl"),
     ]
+    for name in ("world", "planner", "fallback"):
+        assert set(gone[f"first {name}"]) == set(gone[f"second {name}"]) == {WHAT[name]}
     assert len(after["differences"]) == len(before) - 2
 
 
@@ -92,7 +93,8 @@ def test_the_four_counts_of_new_rows_are_counted_and_shown(after):
     (success,) = after["success"].filter(**SUBJECT).to_dicts()
     assert (row["episodes"], row["stays mean"]) == (1, success["stabilizing mean"])
     assert row["all_four mean"] == min(row[f"{name} mean"] for name in ("stays", "upright", "undisturbed", "soft"))
-    usual = {**after, "counts": after["counts"].with_columns(strategy=pl.lit("stop closed no-fallback"))}
+    alone = after["counts"].with_columns(world=pl.lit(""), fallback=pl.lit("none"))
+    usual = {**after, "counts": alone}
     (shown,) = PAGE_TABLES["counts"](usual).to_dicts()
     assert (shown["release"], shown["planner"], shown["fallback"]) == ("`stop`", "closed", "none")
     assert shown["oracle took over"] == f"{row['taken_over']} of 1"

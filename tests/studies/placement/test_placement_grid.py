@@ -11,7 +11,7 @@ from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.runs.identity import check_key
 from studies.placement import study
 from studies.placement.grid import GRIDS, make_grid
-from studies.placement.tables import read_tables
+from studies.placement.tables import KEYS, read_tables
 
 TABLES = Path(__file__).parents[3] / "results" / "placement" / "tables"
 
@@ -20,8 +20,10 @@ def test_the_thesis_rows_are_those_of_the_committed_table_and_those_not_run_yet(
     made = []
     for row in GRIDS["thesis"]:
         counts = row.train_seeds, row.eval_seeds, row.episodes * row.train_seeds * row.eval_seeds
-        made.append((row.task, row.split, row.strategy, *counts))
-    columns = ("task", "split", "strategy", "train_seeds", "eval_seeds", "episodes")
+        strategy = row.strategy
+        what = strategy.place, strategy.world, strategy.planner, strategy.fallback
+        made.append((row.task, row.split, *what, *counts))
+    columns = (*KEYS, "train_seeds", "eval_seeds", "episodes")
     known = set(read_tables(TABLES)["success"].select(columns).iter_rows())
     assert len(set(made)) == len(made)
     assert known <= set(made)

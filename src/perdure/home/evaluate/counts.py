@@ -24,6 +24,7 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import outcomes
+from perdure.home.evaluate.analysis import GROUP, episode_means, group_of
 from perdure.home.evaluate.log import EpisodeLog, FinalObject
 from perdure.home.sim.arrays import Quaternion
 from perdure.home.sim.objects import KINDS, Placement
@@ -141,7 +142,7 @@ def _soft(log: EpisodeLog) -> bool | None:
 
 
 def counts_table(logs: Sequence[EpisodeLog], seed: int = 0) -> pl.DataFrame:
-    """Return the share of each count, one row per task, split and strategy.
+    """Return the share of each count, one row per group of `analysis.GROUP`.
 
     Columns: `train_seeds`, `eval_seeds` and `episodes` that were counted; `taken_over`: episodes in which the oracle
     took over at least one skill; mean and bounds of the 95 % interval of each of `COUNTS` (`stays mean`), null where a
@@ -153,36 +154,34 @@ def counts_table(logs: Sequence[EpisodeLog], seed: int = 0) -> pl.DataFrame:
     """
     import polars as pl
 
-    groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
+    groups: dict[tuple[str, ...], list[EpisodeLog]] = {}
     for log in sorted(logs, key=lambda log: log.key):
-        groups.setdefault((log.task, log.split, log.strategy), []).append(log)
-    rows = [_counts_row(group, part, np.random.default_rng(seed)) for group, part in groups.items()]
+        groups.setdefault(group_of(log), []).append(log)
+    rows = []
+    for group, part in groups.items():
+        named = dict(zip(GROUP, group, strict=True))
+        rows.append({**named, **_shares(part, np.random.default_rng(seed))})
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def _counts_row(group: tuple[str, str, str], logs: Sequence[EpisodeLog], rng: np.random.Generator) -> dict[str, Any]:
+def _shares(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> dict[str, Any]:
+    """Return the columns of `counts_table` of the logs of one group."""
+    row: dict[str, Any] = {
+        "train_seeds": len({log.train_seed for log in logs}),
+        "eval_seeds": len({log.eval_seed for log in logs}),
+        "episodes": len(logs),
+        "taken_over": sum(any(run.scripted for run in log.runs) for log in logs),
+    }
     counted = [four_counts(log) for log in logs]
-    row: dict[str, Any] = dict(zip(("task", "split", "strategy"), group, strict=True))
-    row["train_seeds"] = len({log.train_seed for log in logs})
-    row["eval_seeds"] = len({log.eval_seed for log in logs})
-    row["episodes"] = len(logs)
-    row["taken_over"] = sum(any(run.scripted for run in log.runs) for log in logs)
-    # An episode that several evaluation seeds begin counts once, as its mean.
-    episodes = [(log.train_seed, log.index) for log in logs]
-    units = sorted(set(episodes))
     for name in COUNTS:
         values = [getattr(each, name) for each in counted]
         if None in values:
-            row |= {f"{name} {bound}": None for bound in ("mean", "lower", "upper")}
+            row |= {f"{name} mean": None, f"{name} lower": None, f"{name} upper": None}
             continue
-        by_episode: dict[tuple[int, int], list[bool]] = {unit: [] for unit in units}
-        for episode, value in zip(episodes, values, strict=True):
-            by_episode[episode].append(value)
-        means = [float(np.mean(by_episode[unit])) for unit in units]
-        found = survival_interval(means, [train_seed for train_seed, _ in units], rng)
+        means, train_seeds = episode_means(np.array(values, dtype=np.float64), logs)
+        found = survival_interval(means, train_seeds, rng)
         row[f"{name} mean"] = float(found.estimate)
         row[f"{name} lower"] = float(found.lower)
         row[f"{name} upper"] = float(found.upper)
-        row["method"] = found.method
-    row.setdefault("method", "")
+        row["method"] = found.method  # the same for all: stays is always known
     return row

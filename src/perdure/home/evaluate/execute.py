@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -19,6 +19,7 @@ from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import SkillAgent
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import FRIDGE_DOOR
@@ -69,6 +70,10 @@ class ExecutorOptions:
         if self.scene.targets is not None:
             raise PerdureError(f"targets must be None where plans are executed, not {self.scene.targets}")
 
+    def strategy(self, place: str) -> Strategy:
+        """Return what is run with these options and a release strategy."""
+        return strategy_of(place, self.scene, self.planner, self.fallback)
+
 
 @dataclass
 class Recorder:
@@ -88,7 +93,7 @@ class Recorder:
         Args:
             steps: Control steps until the plan or the task's limit ended; the rows after them are the settling time.
             final_objects: All objects after the last step; none if the world diverged, which reset them.
-            run: `strategy`, `train_seed` and `eval_seed` of the log.
+            run: Columns of `Strategy`, `train_seed` and `eval_seed` of the log.
         """
         # A diverged world is reset to its start: the last row no longer belongs to this episode.
         length = max(1, len(self.rows) - 1) if self.diverged else len(self.rows)
@@ -198,7 +203,7 @@ class Executor:
         agents: Mapping[str, SkillAgent],
         options: ExecutorOptions | None = None,
         *,
-        strategy: str = "unnamed",
+        place: str = "unnamed",
         train_seed: int = UNTRAINED,
     ) -> None:
         """Check that every skill has an agent.
@@ -207,7 +212,7 @@ class Executor:
             skills: The skill for each name in the plan.
             agents: The agent of each of them.
             options: Settings.
-            strategy: Name of the release strategy, written into the logs.
+            place: Release strategy, or any name, written into the logs beside what the options say of the run.
             train_seed: Training seed of the policies, written into the logs.
 
         Raises:
@@ -216,7 +221,7 @@ class Executor:
         self._skills = dict(skills)
         self._options = options or ExecutorOptions()
         self._named: dict[str, str | int] = {
-            "strategy": strategy,
+            **asdict(self._options.strategy(place)),
             "train_seed": train_seed,
             "eval_seed": self._options.eval_seed,
         }

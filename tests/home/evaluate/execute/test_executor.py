@@ -7,7 +7,7 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Scripted
-from perdure.home.agents.release import Stop
+from perdure.home.agents.release import HandOver, Stop
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate import execute
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
@@ -150,8 +150,8 @@ def planning(monkeypatch, *steps):
     asked = []
 
     class Listed(Planner):
-        def __init__(self, episode):
-            super().__init__(episode)
+        def __init__(self, episode, fallback):
+            super().__init__(episode, fallback)
             self._steps = iter(steps)
 
         def next(self, facts, succeeded=True):
@@ -394,5 +394,5 @@ def test_tilt_and_speed_of_objects_are_mujocos(set_table, monkeypatch):
 def test_the_oracle_counts_as_scripted_inside_a_release_strategy_too(set_table, monkeypatch):
     shorten(monkeypatch, 2, 6)
     planning(monkeypatch, SkillStep("place", 0), None)
-    log = run(Stop(Oracle()), [set_table[0]], lanes=1, settle_steps=3)[0]
+    log = run(HandOver(Oracle(), Stop()), [set_table[0]], lanes=1, settle_steps=3)[0]
     assert [each.scripted for each in log.runs] == [True]

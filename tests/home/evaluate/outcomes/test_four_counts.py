@@ -142,7 +142,7 @@ def test_the_table_counts_shares_and_who_was_taken_over(groceries):
     helped = replace(groceries, index=2, runs=(replace(groceries.runs[0], scripted=True), *groceries.runs[1:]))
     hard = replace(force(groceries, "pick", 600.0), index=3)
     (row,) = counts_table([groceries, tipped, helped, hard]).to_dicts()
-    assert (row["task"], row["strategy"], row["episodes"], row["taken_over"]) == ("prepare_groceries", "story", 4, 1)
+    assert (row["task"], row["place"], row["episodes"], row["taken_over"]) == ("prepare_groceries", "story", 4, 1)
     assert (row["stays mean"], row["upright mean"], row["soft mean"]) == (1.0, 0.75, 0.75)
     # The others belong to other starts than their log says, so what moved is unknown.
     assert row["undisturbed mean"] is None
