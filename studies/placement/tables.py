@@ -151,7 +151,7 @@ def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
 def _is_compared(before: Strategy, after: Strategy) -> bool:
     """Return whether two strategies differ in one thing: the release (`PAIRS`), the closed loop, or its fallback."""
     if (before.place, after.place) in PAIRS:
-        return replace(before, place=after.place) == after
+        return bool(after == replace(before, place=after.place))
     with_oracle = replace(before, planner="closed", fallback="oracle")
     without = replace(before, planner="closed", fallback="none")
     if before.planner == "open":
