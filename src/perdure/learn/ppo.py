@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import State, Transitions, make_estimator
-from perdure.learn.checkpoint import Metrics
+from perdure.learn.algorithm import Metrics
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (

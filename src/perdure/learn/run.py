@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,11 @@ from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError, lookup
+from perdure.errors import PerdureError
 from perdure.horizon import Embedding, usual_preset
-from perdure.learn.checkpoint import Metrics, RunState, load_checkpoint, save_checkpoint
-from perdure.learn.config import PPOConfig
-from perdure.learn.ppo import PPO
-from perdure.learn.presets import METHODS, ZOO, method_config
+from perdure.learn.algorithm import Algorithm, Configuration, algorithm_of, all_methods, usual_config
+from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
+from perdure.learn.presets import ZOO
 from perdure.learn.start import start_file, trained_steps
 from perdure.policy import Policy, find_policy, load_policy, measure_reference, save_policy
 from perdure.runs import (
@@ -59,29 +58,6 @@ RECENT_EPISODES = 20
 """Training episodes whose mean return is reported."""
 
 
-class Algorithm(Protocol):
-    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
-
-    @property
-    def diagnostics(self) -> tuple[str, ...]:
-        """Names of `Metrics.diagnostics`, in their order."""
-
-    def init(self, seed: int, start: Policy | None = None) -> Any:
-        """Return the state before training, of new weights or of a policy that training continues."""
-
-    def start(self, state: Any, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> tuple[Any, Any]:
-        """Begin a segment: return the state and the running environments, which were reset to `observations`."""
-
-    def iterate(self, state: Any, running: Any, *, seed: int, iteration: int) -> tuple[Any, Any, Metrics]:
-        """Learn for one iteration; return both after it. The memory of `state` may be reused."""
-
-    def observation_std(self, state: Any) -> NDArray[np.float64]:
-        """Return the spread of each observation component in training so far, shape (observation_size,)."""
-
-    def policy(self, state: Any) -> Policy:
-        """Return the policy learned so far, without provenance and reference."""
-
-
 @dataclass(frozen=True)
 class TrainRun:
     """A training run. Equal runs give the same files, bit for bit, on the same machine.
@@ -94,7 +70,7 @@ class TrainRun:
     task: str
     method: str
     """Names the run's folder; the settings are all in ``config``."""
-    config: PPOConfig
+    config: Configuration
     seeds: tuple[int, ...] = (0,)
     """Trained side by side; each gives the same result as if trained alone."""
     command: str | None = None
@@ -116,9 +92,10 @@ class TrainRun:
         disturbances = parse_disturbances(self.disturb)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
-        object.__setattr__(self, "preset", self.preset or usual_preset(self.task))
+        usual = usual_preset(self.task) if self.config.presets else ZOO
+        object.__setattr__(self, "preset", self.preset or usual)
         if self.base_method is not None:
-            lookup(METHODS, self.base_method, "method")
+            algorithm_of(self.base_method)
         if not self.seeds:
             raise PerdureError("a training run needs at least one seed")
         if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
@@ -149,7 +126,7 @@ class TrainRun:
 
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""
-        steps = float(self.config.iterations * self.config.rollout_size)
+        steps = float(self.config.iterations * self.config.iteration_steps)
         return Unit(
             self.key(seed),
             self.identity(seed),
@@ -264,7 +241,7 @@ def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = N
     import polars as pl
 
     segments = _segments(run.task, run.config, work.threads, run.disturb)
-    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
+    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.iteration_steps
     if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
         checkpoint.unlink(missing_ok=True)
         return True
@@ -288,13 +265,13 @@ def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = N
 class Segments:
     """Runs segments of one task and configuration; keeps compiled programs. Results do not depend on `threads`."""
 
-    def __init__(self, task: str, config: PPOConfig, threads: int, disturb: tuple[str, ...] = ()) -> None:
+    def __init__(self, task: str, config: Configuration, threads: int, disturb: tuple[str, ...] = ()) -> None:
         self.spec = task_spec(task)
         self._disturbances = parse_disturbances(disturb)
         self._task, self._config, self._threads = disturbed_task(task, self._disturbances), config, threads
         self.engine = task_spec(self._task).engine if disturb else self.spec.engine
         """Simulator of the training episodes, and its version."""
-        self.algorithm: Algorithm = PPO(config, self.spec)
+        self.algorithm: Algorithm = config.make(self.spec)
         self._slot = WorldSlot()
 
     @property
@@ -335,7 +312,7 @@ class Segments:
                 learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
                 if self._slot.error is not None:
                     raise self._slot.error
-                step = (iteration + 1) * config.rollout_size
+                step = (iteration + 1) * config.iteration_steps
                 episodes.append(metrics.episodes)
                 iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
                 progress(step, _recent_return(episodes))
@@ -396,16 +373,18 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     if run.command is not None:
         return run.command.replace("{seed}", str(seed))
     base = run.base_method or run.method
-    if base not in METHODS:
+    if base not in all_methods():
         return ""
     words = ["perdure", "train", run.task, "--method", base]
     words += [] if run.method == base else ["--name", run.method]
-    words += ["--preset", str(run.preset), "--seeds", str(seed)]
+    words += ["--preset", str(run.preset)] if run.config.presets else []
+    words += ["--seeds", str(seed)]
     words += ["--disturb", *run.disturb] if run.disturb else []
     words += ["--from", str(run.start)] if run.start is not None else []
-    usual = method_config(base, run.task, spec.observation_size, run.preset, spec.default_horizon)
+    preset = run.preset if run.config.presets else None
+    usual = usual_config(base, run.task, spec.observation_size, preset, spec.default_horizon)
     try:
-        words += _overrides(run.config, usual, "--ppo")
+        words += _overrides(run.config, usual, f"--{run.config.name}")
     except LookupError:
         return ""
     return shlex.join(words)
