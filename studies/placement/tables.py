@@ -150,10 +150,10 @@ def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
 
 def _is_compared(before: Strategy, after: Strategy) -> bool:
     """Return whether two strategies differ in one thing: the release (`PAIRS`), the closed loop, or its fallback."""
+    with_oracle: Strategy = replace(before, planner="closed", fallback="oracle")
+    without: Strategy = replace(before, planner="closed", fallback="none")
     if (before.place, after.place) in PAIRS:
         return bool(after == replace(before, place=after.place))
-    with_oracle = replace(before, planner="closed", fallback="oracle")
-    without = replace(before, planner="closed", fallback="none")
     if before.planner == "open":
         return bool(after == with_oracle)
     return bool(before == with_oracle and after == without)
