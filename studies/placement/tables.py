@@ -150,13 +150,13 @@ def _differences(analysis: Analysis) -> Iterable[dict[str, Any]]:
 
 def _is_compared(before: Strategy, after: Strategy) -> bool:
     """Return whether two strategies differ in one thing: the release (`PAIRS`), the closed loop, or its fallback."""
-    with_oracle: Strategy = replace(before, planner="closed", fallback="oracle")
-    without: Strategy = replace(before, planner="closed", fallback="none")
+    with_oracle = replace(before, planner="closed", fallback="oracle")
+    without = replace(before, planner="closed", fallback="none")
     if (before.place, after.place) in PAIRS:
-        return bool(after == replace(before, place=after.place))
+        return after == replace(before, place=after.place)
     if before.planner == "open":
-        return bool(after == with_oracle)
-    return bool(before == with_oracle and after == without)
+        return after == with_oracle
+    return before == with_oracle and after == without
 
 
 def release_speeds(placements: pl.DataFrame) -> pl.DataFrame:
@@ -184,7 +184,7 @@ def success_rows(tables: Tables, split: str = "eval") -> list[Row]:
 
 
 def _has_usual_fallback(row: Row) -> bool:
-    return row["planner"] == "open" or row["fallback"] == "oracle"
+    return bool(row["planner"] == "open" or row["fallback"] == "oracle")
 
 
 def _grid_rows(table: pl.DataFrame) -> list[Row]:
