@@ -18,6 +18,7 @@ from perdure.report.charts import Format
 
 if TYPE_CHECKING:
     from perdure.home.evaluate.protocol import EvaluationProtocol
+    from perdure.learn.run import TrainRun
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="tidy_house, prepare_groceries or set_table.")]
 Logs = Annotated[
@@ -279,6 +280,12 @@ class Training:
             raise PerdureError("give --variant or --method: no --place names a policy that was trained with both")
         return dict(variant_options(self.variant))
 
+    def run(self, skill: str) -> TrainRun:
+        """Return the training run of a skill."""
+        from perdure.home.skills.train import skill_run
+
+        return skill_run(skill, self.task, self.seeds, self.steps, self.method, **self.options())
+
 
 def train(
     skill: tyro.conf.Positional[str],
@@ -296,7 +303,8 @@ def train(
         out: Folder of the runs.
     """
     from perdure.home.evaluate.plan_starts import record_plan_starts
-    from perdure.home.skills.train import evaluate_skill, skill_run, train_skill
+    from perdure.home.skills.train import evaluate_skill
+    from perdure.learn.run import train
     from perdure.policy import load_policy
     from perdure.runs import check_on
     from perdure.runs.progress import show_progress
@@ -304,18 +312,14 @@ def train(
     if test_episodes < 1:
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
     options = training.options()
-    task = training.task
-    seeds = training.seeds
-    steps = training.steps
-    method = training.method
     check_folder(out)
     check_on(on)
-    skill_run(skill, task, seeds, steps, method, **options)  # what is wrong is said before the minutes of recording
-    record_plan_starts(task)
-    with show_progress(f"{task} {skill}", "steps") as show:
-        paths = train_skill(skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=show, **options)
+    training.run(skill)  # what is wrong is said before the minutes of recording
+    record_plan_starts(training.task)
+    with show_progress(f"{training.task} {skill}", "steps") as show:
+        paths = train(training.run(skill), out, cores=cores, on=on, observe=show)
     for path in paths:
-        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
+        score = evaluate_skill(load_policy(path), skill, test_episodes, task=training.task, **options)
         print(f"{path}\n  {score.summary()}")
 
 
