@@ -71,7 +71,7 @@ def log_of(episode: dict, control_hz: float, strategy: str, train_seed: int) -> 
         **{name: episode[name] for name in ("task", "split", "eval_seed", "steps", "diverged")},
         index=episode["episode_id"],
         episode_hash=hashlib.sha256(start.encode()).hexdigest(),
-        strategy=strategy,
+        place=strategy,
         train_seed=train_seed,
         control_hz=control_hz,
         length=len(episode["history"]),

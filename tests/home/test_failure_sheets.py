@@ -222,7 +222,7 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.failures.SIZE", size)
     monkeypatch.setattr("perdure.home.pictures.Studio.shadows", 256)  # the large ones take most of the time
     replay = replay_of(rolls_away())
-    write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
+    write_logs(tmp_path / "logs.parquet", [replace(replay.log, place="ik", world="drag only")], NOTES)
     (failure,) = read_logged([tmp_path / "logs.parquet"], "stabilizing")
     scene = episode_scene(failure.episode)
     world = VectorSimulator(1)

@@ -29,6 +29,7 @@ from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import Episode, episode_hash, load_episodes
 from perdure.home.tasks.planners import needed_skills
 from perdure.home.tasks.tasks import AT, NOTHING, PAST, Predicate, Verb, get_task
+from perdure.report.charts import slug
 
 PICTURES = 8
 BEFORE = CONTROL_HZ
@@ -109,7 +110,7 @@ class Logged:
         """Such as `set_table-val-ik-drag-train-0-eval-0-003.png`."""
         log = self.log
         seeds = f"train-{log.train_seed}-eval-{log.eval_seed}"
-        return f"{log.task}-{log.split}-{log.strategy}-{seeds}-{log.index:03d}.png".replace(" ", "-")
+        return f"{log.task}-{log.split}-{slug(log.strategy.name)}-{seeds}-{log.index:03d}.png"
 
 
 def read_logged(
@@ -305,7 +306,7 @@ def failure_sheet(failure: Logged, replay: Replay) -> Picture:
             pictures.append(annotate(studio.take(shot, marks), (), below))
 
     # What is written above them.
-    title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
+    title = f"{log.task} {log.split} {log.index:03d}, {log.strategy.name}: {failure.words(replay.label)}"
     numbers = _numbers(replay, found)
     if replay.label != failure.label:
         numbers = f"the logs have another label for it: {failure.words(failure.label)}"

@@ -81,8 +81,8 @@ class Agent:
 
     @property
     def title(self) -> str:
-        """Such as `stop, drag only`."""
-        return describe(self.protocol.name)
+        """Such as `stop first, drag only`."""
+        return describe(self.protocol.strategy)
 
     @property
     def caption(self) -> str:
@@ -94,9 +94,10 @@ class Agent:
             words = "learned policies"
         else:
             words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
-        if learned and self.protocol.options.planner == "closed":
+        options = self.protocol.options
+        if learned and options.planner == "closed" and options.fallback == "oracle":
             words += ", after three failures the oracle"
-        return f"{self.protocol.name}: {words}"
+        return f"{self.protocol.strategy.name}: {words}"
 
 
 def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> list[Row]:
@@ -187,7 +188,7 @@ def record(
     protocol = agent.protocol
     options = replace(protocol.options, lanes=1, threads=1)
     acts = make_agents(agent.policies, protocol.release.strategy)
-    executor = Executor(protocol.skills(), acts, options, strategy=protocol.name, train_seed=agent.train_seed)
+    executor = Executor(protocol.skills(), acts, options, place=protocol.place, train_seed=agent.train_seed)
     (log,) = executor.run([episode], observe)
     return frames, log
 

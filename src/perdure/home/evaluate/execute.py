@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, get_args
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import SkillAgent
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import CONTAINERS, LINK_CONTAINERS
@@ -29,7 +30,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
-from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName, needed_skills
+from perdure.home.tasks.planners import PLANNERS, FallbackName, Planner, PlannerName, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
 OVERTIME = 150
@@ -51,16 +52,27 @@ class ExecutorOptions:
     """Control steps of the settling time, 1 or more."""
     planner: PlannerName = "open"
     """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
+    fallback: FallbackName = "oracle"
+    """Of the closed loop: "oracle" takes over a skill that failed often; "none": its target is given up at last."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown planner, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
+        """Refuse unknown names, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
         lookup(PLANNERS, self.planner, "planner")
+        lookup(dict.fromkeys(get_args(FallbackName)), self.fallback, "fallback")
+        if self.fallback != "oracle" and self.planner == "open":
+            raise PerdureError(
+                f"fallback {self.fallback} needs planner closed: with planner open the oracle never takes over"
+            )
         least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
             if value is not None and value < low:
                 raise PerdureError(f"{name} must be {low} or more, not {value}")
         if self.scene.targets is not None:
             raise PerdureError(f"targets must be None where plans are executed, not {self.scene.targets}")
+
+    def strategy(self, place: str) -> Strategy:
+        """Return what is run with these options and a release strategy."""
+        return strategy_of(place, self.scene, self.planner, self.fallback)
 
 
 @dataclass
@@ -81,7 +93,7 @@ class Recorder:
         Args:
             steps: Control steps until the plan or the task's limit ended; the rows after them are the settling time.
             final_objects: All objects after the last step; none if the world diverged, which reset them.
-            run: `strategy`, `train_seed` and `eval_seed` of the log.
+            run: Columns of `Strategy`, `train_seed` and `eval_seed` of the log.
         """
         # A diverged world is reset to its start: the last row no longer belongs to this episode.
         length = max(1, len(self.rows) - 1) if self.diverged else len(self.rows)
@@ -196,7 +208,7 @@ class Executor:
         agents: Mapping[str, SkillAgent],
         options: ExecutorOptions | None = None,
         *,
-        strategy: str = "unnamed",
+        place: str = "unnamed",
         train_seed: int = UNTRAINED,
     ) -> None:
         """Check that every skill has an agent.
@@ -205,7 +217,7 @@ class Executor:
             skills: The skill for each name in the plan.
             agents: The agent of each of them.
             options: Settings.
-            strategy: Name of the release strategy, written into the logs.
+            place: Release strategy, or any name, written into the logs beside what the options say of the run.
             train_seed: Training seed of the policies, written into the logs.
 
         Raises:
@@ -214,7 +226,7 @@ class Executor:
         self._skills = dict(skills)
         self._options = options or ExecutorOptions()
         self._named: dict[str, str | int] = {
-            "strategy": strategy,
+            **asdict(self._options.strategy(place)),
             "train_seed": train_seed,
             "eval_seed": self._options.eval_seed,
         }
@@ -275,7 +287,7 @@ class Executor:
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        planner = PLANNERS[self._options.planner](episode)
+        planner = PLANNERS[self._options.planner](episode, self._options.fallback)
         each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene))
         each.current = planner.next(each.facts(world, lane))
         return each

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Annotated, Literal, get_args
@@ -19,6 +19,7 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 
 from perdure.errors import PerdureError
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
 from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.tasks.tasks import (
@@ -39,7 +40,8 @@ UNTRAINED = -1
 Ending = Literal["stopped", "timed out", "task limit"]
 """Why a skill run ended: its own stop rule, its step limit, or the task's step limit."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
-MOVED, TURNED = 0.002, 0.01
+MOVED = 0.002
+TURNED = 0.01
 """Tracks leave out steps at which the object is within 2 mm of where it was, the height of its z axis within 0.01."""
 GRID = 2.0**-13
 """Poses of tracks are rounded to multiples of this (0.12 mm), which lets a file shrink."""
@@ -62,12 +64,18 @@ class Column:
     longest: int = 10_000_000
 
 
-_XYZ, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
-_NAME, _FLAG, _SEED = Text(200, shortest=1), Flag(), Whole(-1)
-_STEP, _TARGET = Whole(0, 1_000_000), Whole(0, 100)
+_XYZ = ("x", "y", "z")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_NAME = Text(200, shortest=1)
+_WORDS = Text(200)
+_FLAG = Flag()
+_SEED = Whole(-1)
+_STEP = Whole(0, 1_000_000)
+_TARGET = Whole(0, 100)
 _PLACE = Real(-1e9, 1e9)
 """A simulation that blows up throws objects far."""
-_UNIT, _MEASURED = Real(-1.001, 1.001), Real(0.0, unknown=True)
+_UNIT = Real(-1.001, 1.001)
+_MEASURED = Real(0.0, unknown=True)
 
 
 @dataclass(frozen=True)
@@ -224,7 +232,7 @@ class EpisodeLog:
     split: Annotated[str, Column("such as val", Text(50, shortest=1))]
     index: Annotated[int, Column("number of the episode in its split", Whole(0, 1_000_000))]
     episode_hash: Annotated[str, Column("equal hashes: equal starts and goals (elsewhere: any name)", _NAME)]
-    strategy: Annotated[str, Column('what was run: release strategy and world, or any text such as "TP+SRL"', _NAME)]
+    place: Annotated[str, Column('release strategy, or any text such as "TP+SRL"', _NAME)]
     train_seed: Annotated[int, Column("training seed; -1: nothing was trained", _SEED)]
     eval_seed: Annotated[int, Column("evaluation seed", _SEED)]
     control_hz: Annotated[float, Column("control steps per second", Real(0.0, 1e5, above=True), "1/s")]
@@ -239,40 +247,73 @@ class EpisodeLog:
         tuple[FinalObject, ...],
         Column("every object after the last step, targets first; empty: unknown", longest=10_000),
     ] = ()
+    world: Annotated[str, Column("options that differ from the usual world, in words", _WORDS)] = ""
+    planner: Annotated[str, Column("planner", _NAME)] = "open"
+    fallback: Annotated[str, Column("who takes over a skill that failed often; none with the open loop", _NAME)] = (
+        "none"
+    )
+    label: str = ""
+    """What `perdure home analyze --names` calls its file; files do not keep it."""
     history: History | None = field(default=None, repr=False)
     """Every pose at every step; files do not keep it."""
 
     def __post_init__(self) -> None:
-        about = [*(run.target for run in self.runs), *(release.target for release in self.releases)]
-        positions = self.events[0].positions if self.events else {}
-        for wrong, sentence in (
-            (not self.strategy, "no strategy: it must name what was run"),
-            (len(self.targets) != len(get_task(self.task).targets), f"{len(self.targets)} targets"),
-            (self.steps < 1 or self.length < self.steps, f"{self.steps} steps of {self.length}"),
-            (not self.diverged and self.length == self.steps, "no settling time after its last step"),
-            (not self.control_hz > 0.0, f"a control rate of {self.control_hz} Hz"),
-            (not self.events or self.events[0].step != 0, "no event at step 0"),
-            ((np.diff(self._event_steps, append=self.length) <= 0).any(), "events out of order"),
-            (any(len(e.in_goal) != len(self.targets) for e in self.events), "events about other targets"),
-            (len({tuple(e.positions) for e in self.events}) > 1, "events about other containers"),
-            (any(not 0 <= k < len(self.targets) for k in about), "a run or release of an unknown target"),
-            (any(e.held >= len(self.targets) for e in self.events), "a held target that is not there"),
-            (any(r.ending not in ENDINGS for r in self.runs), f"a run's ending that is none of {ENDINGS}"),
-            (any(not 0 <= r.begin <= r.end <= self.steps for r in self.runs), "runs outside its steps"),
-            (any(t.container not in ("", *positions) for t in self.targets), "a container that its events lack"),
-            (any(r.track.step[-1] >= self.length for r in self.releases), "a track beyond its end"),
-        ):
-            if wrong:
-                raise PerdureError(f"{self.name} does not fit together: it has {sentence}")
+        for wrong in (*self._wrong_lengths(), *self._wrong_events(), *self._wrong_parts()):
+            raise PerdureError(f"{self.name} does not fit together: it has {wrong}")
+
+    def _wrong_lengths(self) -> Iterator[str]:
+        if not self.place:
+            yield "no place: it must name what was run"
+        if self.steps < 1 or self.length < self.steps:
+            yield f"{self.steps} steps of {self.length}"
+        if not self.diverged and self.length == self.steps:
+            yield "no settling time after its last step"
+        if not self.control_hz > 0.0:
+            yield f"a control rate of {self.control_hz} Hz"
+
+    def _wrong_events(self) -> Iterator[str]:
+        if not self.events or self.events[0].step != 0:
+            yield "no event at step 0"
+        if (np.diff(self._event_steps, append=self.length) <= 0).any():
+            yield "events out of order"
+        if any(len(event.in_goal) != len(self.targets) for event in self.events):
+            yield "events about other targets"
+        if any(event.held >= len(self.targets) for event in self.events):
+            yield "a held target that is not there"
+        if len({tuple(event.positions) for event in self.events}) > 1:
+            yield "events about other containers"
+
+    def _wrong_parts(self) -> Iterator[str]:
+        if len(self.targets) != len(get_task(self.task).targets):
+            yield f"{len(self.targets)} targets"
+        about = [run.target for run in self.runs] + [release.target for release in self.releases]
+        if any(not 0 <= target < len(self.targets) for target in about):
+            yield "a run or release of an unknown target"
+        if any(run.ending not in ENDINGS for run in self.runs):
+            yield f"a run's ending that is none of {ENDINGS}"
+        if any(not 0 <= run.begin <= run.end <= self.steps for run in self.runs):
+            yield "runs outside its steps"
+        containers = {""}
+        if self.events:
+            containers |= set(self.events[0].positions)
+        if any(target.container not in containers for target in self.targets):
+            yield "a container that its events lack"
+        if any(release.track.step[-1] >= self.length for release in self.releases):
+            yield "a track beyond its end"
+
+    @cached_property
+    def strategy(self) -> Strategy:
+        """What was run."""
+        return Strategy(self.place, self.world, self.planner, self.fallback, self.label)
 
     @property
     def name(self) -> str:
         """Such as `TP+SRL, training seed 100, set_table/val/003, evaluation seed 0`."""
         episode = f"{self.task}/{self.split}/{self.index:03d}"
-        return f"{self.strategy}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
+        return f"{self.strategy.name}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
 
     @property
-    def key(self) -> tuple[str, str, str, int, int, int]:
+    def key(self) -> tuple[str, str, Strategy, int, int, int]:
         """What no two episodes of one analysis may share."""
         return self.task, self.split, self.strategy, self.train_seed, self.eval_seed, self.index
 
@@ -304,7 +345,8 @@ def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
 
     `position` has shape (n, 3), `up` shape (n,).
     """
-    points, heights = position.tolist(), up.tolist()
+    points = position.tolist()
+    heights = up.tolist()
     kept = [0]
     for step in range(1, len(points)):
         last = kept[-1]
@@ -345,7 +387,8 @@ class History:
     @property
     def events(self) -> tuple[Event, ...]:
         """The state at the first step, and at each step at which a condition of a stage may change."""
-        facts, inside = self.facts, at(self.facts)
+        facts = self.facts
+        inside = at(facts)
         doors = [Predicate(state, container=name) for name in facts.containers for state in ABOUT_CONTAINERS]
         state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in doors)]).astype(np.int64)
         changes = np.concatenate([[0], 1 + np.flatnonzero((state[1:] != state[:-1]).any(axis=1))])
@@ -377,8 +420,10 @@ class History:
     def _release(self, step: int, target: int) -> Release:
         again = np.flatnonzero(self.facts.held[step + 1 :] == target)
         rows = slice(step, step + 1 + int(again[0]) if len(again) else len(self.facts))
-        position, up = _rounded(self.facts.object_positions[rows, target]), _rounded(self.up[rows, target])
-        kept, before = kept_steps(position, up), max(step - 1, 0)
+        position = _rounded(self.facts.object_positions[rows, target])
+        up = _rounded(self.up[rows, target])
+        kept = kept_steps(position, up)
+        before = max(step - 1, 0)
         return Release(
             target=target,
             object_speed=float(self.speed[step, target]),

@@ -39,7 +39,9 @@ from perdure.home.tasks.tasks import (
 
 Counting = Literal["latched", "stabilizing"]
 COUNTINGS: tuple[Counting, ...] = get_args(Counting)
-SUCCESS, DID_NOT_LAST, OTHER = "success", "success that did not last", "other"
+SUCCESS = "success"
+DID_NOT_LAST = "success that did not last"
+OTHER = "other"
 FailureCause = Literal[
     "diverged",
     "time-out",
@@ -75,9 +77,11 @@ then."""
 OFF_SUPPORT = 0.1
 """An object whose middle is so far in [m] below where it would rest is off its support, our choice: the middle of the
 tallest object is 0.07 m lower when it lies."""
-REST_SECONDS, REST_MOVE = 0.5, 0.005
+REST_SECONDS = 0.5
+REST_MOVE = 0.005
 """An object that moves by less than 5 mm within half a second has come to rest, our choice."""
-NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
+NEAR_GRIPPER = 0.25
+NEAR_BASE = 0.5
 """The robot is near when the gripper point is within 0.25 m of the object's middle (hand and half the largest object),
 or the base's middle within 0.5 m of it in the plane (base and half the largest object), our choice."""
 FINAL_SECONDS = 5.0
@@ -112,7 +116,8 @@ def stage_steps(log: EpisodeLog) -> tuple[int, ...]:
     """Return the step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
     steps, facts = moments(log)
     steps = steps[steps < log.steps]
-    reached, since = [], 0
+    reached: list[int] = []
+    since = 0
     for stage in log.home_task.stages:
         met = np.flatnonzero(stage.met(facts)[: len(steps)] & (steps >= since))
         if not len(met):
@@ -263,6 +268,11 @@ def placement_cause(log: EpisodeLog, release: Release | None) -> FailureCause:
         if _robot_near(release, rested, left):
             return "displaced by the robot"
         return "tipped" if _fell_over(log, release, rested, left) else "rolled"
+    return _release_cause(log, release, inside, left)
+
+
+def _release_cause(log: EpisodeLog, release: Release, inside: BoolArray, left: int | None) -> FailureCause:
+    """Return why an object failed that never came to rest in its goal: what happened at its release, or after it."""
     run = log.run_at(release.step)
     if run is not None and run.forced_release and release.step == run.end - 1:
         return "time-out"
@@ -281,7 +291,8 @@ def placement_cause(log: EpisodeLog, release: Release | None) -> FailureCause:
 
 def _thrown(log: EpisodeLog, release: Release) -> bool:
     """Return whether the object was fast in the hand, and still right after it was let go."""
-    track, steps = release.track.thin, max(1, round(log.control_hz * AFTER_RELEASE))
+    track = release.track.thin
+    steps = max(1, round(log.control_hz * AFTER_RELEASE))
     steps = min(steps, int(track.step[-1]) - release.step)
     if release.object_speed <= THROWN_SPEED or steps == 0:
         return release.object_speed > THROWN_SPEED

@@ -5,10 +5,10 @@ planned again in the same PDDL domain. It reads four things that a robot would h
 (in their goals, in a container, elsewhere), how far each container is open, what the hand holds, and whether the
 last skill succeeded. The simulator tells them without error.
 
-A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted.
-Every skill has `ATTEMPTS` attempts with a target, the last one scripted, so no recovery goes on for ever; then the
-target is given up and the others are brought. The end of the plan is not the end: whoever asks again later is told what
-has rolled away since.
+A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted,
+unless the fallback is "none". Every skill has `ATTEMPTS` attempts with a target, the last one scripted, so no recovery
+goes on for ever; then the target is given up and the others are brought. The end of the plan is not the end: whoever
+asks again later is told what has rolled away since.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ from perdure.home.tasks.tasks import (
 )
 
 PlannerName = Literal["open", "closed"]
+FallbackName = Literal["oracle", "none"]
+"""Who acts after `LEARNED` failures of a skill: "oracle", or "none": the policy goes on until its attempts are over."""
 LEARNED = 3
 """Failures of a skill with a target after which it is scripted (our choice)."""
 ATTEMPTS = 5
@@ -52,8 +54,8 @@ NOT_AT_START = 0.1
 class Planner:
     """Open loop: the plan of the task, whatever happens. Other planners inherit."""
 
-    def __init__(self, episode: Episode) -> None:
-        """Begin at the start of an episode."""
+    def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
+        """Begin at the start of an episode; without a planner that looks there is no fallback."""
         self._episode = episode
         self._steps = iter(make_plan(episode.home_task))
 
@@ -72,9 +74,10 @@ class Planner:
 class ClosedLoop(Planner):
     """Plans again after each skill."""
 
-    def __init__(self, episode: Episode) -> None:
+    def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
         """Begin at the start of an episode."""
-        super().__init__(episode)
+        super().__init__(episode, fallback)
+        self._fallback = fallback
         self._problem = replace(plan_problem(episode), name=episode.task)
         self._attempts = Counter[tuple[str, int]]()
         self._given_up = set[int]()
@@ -100,7 +103,7 @@ class ClosedLoop(Planner):
         if toward is None:
             self._attempts[first.skill, first.target] = attempt
         failed = self._failures[SkillStep(acting.skill, acting.target, attempt=0)]
-        scripted = failed >= LEARNED or attempt == ATTEMPTS
+        scripted = self._fallback == "oracle" and (failed >= LEARNED or attempt == ATTEMPTS)
         step = SkillStep(first.skill, first.target, toward, attempt, scripted)
         self._last = (step, first)
         return step

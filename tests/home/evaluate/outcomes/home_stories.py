@@ -133,7 +133,7 @@ class Story:
             self.wait(settle)
         recorder = Recorder(self.episode, self.runs, [tuple(row.values()) for row in self.rows], self.diverged)
         objects = tuple(FinalObject(o.kind, o.position, o.quaternion, 0.0, False) for o in self.episode.objects)
-        return recorder.log(steps, objects, strategy="story", train_seed=100, eval_seed=self.eval_seed)
+        return recorder.log(steps, objects, place="story", train_seed=100, eval_seed=self.eval_seed)
 
 
 def good(index=0, eval_seed=0):
