@@ -10,7 +10,8 @@ from perdure.envs import task_spec
 from perdure.horizon import usual_preset
 from perdure.learn import PPOConfig, method_config
 from perdure.learn.run import TrainRun
-from perdure.learn.start import continued_config
+from perdure.learn.start import start_file
+from perdure.policy import load_policy
 from studies.disturbance.grid import POLICIES, TASKS, Condition
 from studies.horizon.grid import ZOO
 
@@ -80,7 +81,7 @@ class Arm:
         """Return the learner's settings on a task."""
         config = method_config(self.method, task, task_spec(task).observation_size)
         if start is not None:
-            config = continued_config(config, start, self.seeds[0])
+            config = config.continued(load_policy(start_file(start, self.seeds[0])))
             config = replace(config, log_std_init=CONTINUED_LOG_STD.get(task, -1.0))
         if self.gamma is not None:
             config = replace(config, protocol=replace(config.protocol, gamma=self.gamma))

@@ -9,22 +9,18 @@ reinforcement learning, 2015).
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from perdure.envs import TaskSpec
 from perdure.errors import PerdureError
-from perdure.learn.config import Activation, PPOConfig
+from perdure.learn.config import PPOConfig
 from perdure.learn.networks import CLIP, EPSILON, Params, RunningMoments
-from perdure.policy import Policy, load_policy
+from perdure.policy import Policy
 
-LOG_STD = -1.0
-"""Largest log standard deviation with which training continues by default. At the usual start value of 0, noise as wide
-as the action range would make a trained robot fall within steps."""
 TRAINED_STEPS = 1_000_000
 """Stands for the steps that a policy was trained for, where it does not say."""
 
@@ -56,27 +52,11 @@ def trained_steps(policy: Policy) -> int:
 
 
 def _steps(values: Any, name: str, default: int) -> int:
-    found = values.get(name) if isinstance(values, dict) else None
-    return found if isinstance(found, int) and 0 < found < 10**15 else default
-
-
-def continued_config(config: PPOConfig, start: Path, seed: int) -> PPOConfig:
-    """Return settings that fit the policy of a seed: its layers and activation, and less noise than at the start."""
-    policy = load_policy(start_file(start, seed))
-    weights = [policy.weights[name] for name in layer_names(policy)]
-    return dataclasses.replace(
-        config,
-        hidden_sizes=tuple(int(each.shape[1]) for each in weights[:-1]),
-        activation=cast(Activation, policy.activation),  # the settings refuse another one
-        log_std_init=min(config.log_std_init, LOG_STD),
-        log_std_end=None,
-    )
-
-
-def layer_names(policy: Policy) -> list[str]:
-    """Return the names of the actor's weight matrices, from the first layer to the last."""
-    count = sum(name.startswith("policy.") and name.endswith(".weight") for name in policy.weights)
-    return [f"policy.{layer}.weight" for layer in range(count)]
+    if isinstance(values, dict):
+        found = values.get(name)
+        if isinstance(found, int) and 0 < found < 10**15:
+            return found
+    return default
 
 
 def continue_from(policy: Policy, params: Params, config: PPOConfig, spec: TaskSpec) -> tuple[Params, RunningMoments]:
