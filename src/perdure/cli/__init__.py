@@ -22,7 +22,7 @@ USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, a
   perdure report extrapolation                         write the report of an evaluation again
   perdure watch Hopper-v3/ppo-falls --until-failure    film a policy as it fails
   perdure card my-policy --table extrapolation         write a policy's model card
-  perdure list policies                                list tasks, training methods or shipped policies
+  perdure list policies                                list tasks, methods, policies or disturbances
   perdure inspect Hopper-v3/geometric                  show what a policy file contains
   perdure robot check go2.yaml --policy policy.onnx    do contract, model and policy of a legged robot fit?
   perdure home ...                                     the Home Assistant Benchmark: does the object stay?

@@ -11,7 +11,7 @@ import tyro
 
 from perdure.cli.extrapolate import NOT_HOLDING, find_table
 from perdure.cli.parse import Normalizer, TimeFeature, TrainingHorizon, Trust, call
-from perdure.cli.show import methods, model_text, policies, policy_text, tasks
+from perdure.cli.show import disturbances, methods, model_text, observations, policies, policy_text, tasks
 from perdure.errors import PerdureError
 
 if TYPE_CHECKING:
@@ -184,9 +184,10 @@ def card(policy: tyro.conf.Positional[str], table: Path, out: Path | None = None
 
 
 def list_names(
-    what: tyro.conf.Positional[Literal["tasks", "methods", "policies"]] = "tasks", suite: str | None = None
+    what: tyro.conf.Positional[Literal["tasks", "methods", "policies", "disturbances", "observations"]] = "tasks",
+    suite: str | None = None,
 ) -> None:
-    """List tasks, training methods, or the policies that come with perdure.
+    """List tasks, training methods, the policies that come with perdure, disturbances, or what robots observe.
 
     Args:
         what: What to list.
@@ -194,7 +195,8 @@ def list_names(
     """
     if suite is not None and what != "tasks":
         raise PerdureError(f"--suite is for tasks, not for {what}")
-    print({"tasks": lambda: tasks(suite), "methods": methods, "policies": policies}[what]())
+    texts = {"methods": methods, "policies": policies, "disturbances": disturbances, "observations": observations}
+    print(tasks(suite) if what == "tasks" else texts[what]())
 
 
 def inspect(policy: PolicyName) -> None:

@@ -13,7 +13,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr
 from dataclasses import is_dataclass
 from functools import partial
@@ -130,7 +130,8 @@ def call(function: Callable[..., T], args: list[str], command: str) -> T:
     What it prints on stderr while it runs is not held back. A parameter `command` of a function gets the command line
     as text.
     """
-    made = parse(deferred(function), args, command)
+    asks_help = not {"-h", "--help"}.isdisjoint(args)
+    made = parse(deferred(function, _vocabularies() if asks_help else {}), args, command)
     if "command" in inspect.signature(function).parameters:
         return made(command=whole_command(args, command))
     return made()
@@ -141,8 +142,18 @@ def whole_command(args: list[str], command: str) -> str:
     return command_line("perdure", *command.split(), *args)
 
 
-def deferred(function: Callable[..., T]) -> Callable[..., partial[T]]:
-    """Return a function of the same parameters, without `command`, that returns the call instead of making it."""
+def _vocabularies() -> dict[str, str]:
+    """Return lists that help texts contain, by their placeholder; other packages may add to them."""
+    from perdure.disturbances import examples
+
+    return {"{disturbances}": examples()}
+
+
+def deferred(function: Callable[..., T], listings: Mapping[str, str]) -> Callable[..., partial[T]]:
+    """Return a function of the same parameters, without `command`, that returns the call instead of making it.
+
+    Its help texts have the `listings` in place of their names.
+    """
 
     def bind(*arguments: Any, **options: Any) -> partial[T]:
         return partial(function, *arguments, **options)
@@ -152,7 +163,7 @@ def deferred(function: Callable[..., T]) -> Callable[..., partial[T]]:
     shown = [each for each in signature.parameters.values() if each.name != "command"]
     if isinstance(function, type):
         for name, text in field_texts(function).items():
-            hints[name] = Annotated[hints[name], tyro.conf.arg(help=text)]
+            hints[name] = Annotated[hints[name], tyro.conf.arg(help=_filled(text, listings))]
         order = list(hints)  # that of the fields; of parameters, those by keyword come last
         shown = [
             each.replace(kind=each.KEYWORD_ONLY) for each in sorted(shown, key=lambda each: order.index(each.name))
@@ -160,8 +171,15 @@ def deferred(function: Callable[..., T]) -> Callable[..., partial[T]]:
     bind.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
     bind.__annotations__ = {each.name: hints[each.name] for each in shown}
     # tyro keeps the line breaks inside the description of a parameter.
-    bind.__doc__ = re.sub(r"\n {8,}", " ", inspect.getdoc(function) or "")
+    bind.__doc__ = _filled(re.sub(r"\n {8,}", " ", inspect.getdoc(function) or ""), listings)
     return bind
+
+
+def _filled(text: str, listings: Mapping[str, str]) -> str:
+    """Return a help text with the lists in place of their names."""
+    for placeholder, listing in listings.items():
+        text = text.replace(placeholder, listing)
+    return text
 
 
 def field_texts(kind: type) -> dict[str, str]:

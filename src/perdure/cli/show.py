@@ -36,10 +36,16 @@ def tasks(suite: str | None = None) -> str:
 
 def methods() -> str:
     """Return the table of training methods."""
+    from perdure.learn import METHODS
     from perdure.learn import presets as module
+    from perdure.learn.algorithm import all_methods
 
     table = "".join((module.__doc__ or "").partition("| method |")[1:])
-    return "\n".join(line for line in table.splitlines() if line.startswith("|")).replace("``", "")
+    lines = [line.replace("``", "") for line in table.splitlines() if line.startswith("|")]
+    for name, kind in all_methods().items():
+        if name not in METHODS:
+            lines.append(f"{name}: {(kind.__doc__ or '').partition(chr(10))[0]}")
+    return "\n".join(lines)
 
 
 def policies() -> str:
@@ -51,6 +57,28 @@ def policies() -> str:
     for name, path in shipped_policies().items():
         label = f"  # {LABELS[name]}" if name in LABELS else ""
         rows.append(f"{name:36} {load_policy(path).provenance.get('command', '')}{label}")
+    return "\n".join(rows)
+
+
+def disturbances() -> str:
+    """Return the kinds of disturbances, one a line: an example, what it does, and who disturbs robots in this way."""
+    from perdure.disturbances import Effect
+
+    rows = []
+    for name, kind in Effect.kinds().items():
+        source = f" ({kind.source})" if kind.source else ""
+        rows.append(f"{f'{name}:{kind.example:g}':23} {kind.words}{source}")
+    return "\n".join(rows)
+
+
+def observations() -> str:
+    """Return the observation terms that contracts of robots may name, one a line, with their other names."""
+    from perdure.robots.terms import ObservationTerm
+
+    rows = []
+    for name, kind in ObservationTerm.kinds().items():
+        others = f" (also {', '.join(kind.aliases)})" if kind.aliases else ""
+        rows.append(f"{name:20} {kind.words}{others}")
     return "\n".join(rows)
 
 

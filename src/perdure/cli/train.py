@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from perdure.cli.parse import Cores, On, call
 from perdure.errors import PerdureError
-from perdure.horizon import usual_preset
 
 if TYPE_CHECKING:
-    from perdure.learn import PPOConfig
+    from perdure.learn.algorithm import Configuration
 
 
 def main(name: str, args: list[str]) -> None:
@@ -23,19 +22,37 @@ def main(name: str, args: list[str]) -> None:
     task = None if not args or args[0].startswith("-") else args[0]
     if task is None and {"-h", "--help"}.isdisjoint(args):
         raise PerdureError("train needs a task first, as in: perdure train Hopper-v3 --method geometric")
-    preset = _value(args, "--preset", usual_preset(task or ""))
-    call(train_command(task, _value(args, "--method", "geometric"), preset), args, name)
+    method = _value(args, "--method", "geometric")
+    preset = _value(args, "--preset", "") or None
+    start = _value(args, "--from", "")
+    seed = _value(args, "--seeds", "0")
+    call(train_command(task, method, preset, start, seed), args, name)
 
 
-def train_command(task: str | None, method: str = "geometric", preset: str | None = None) -> Callable[..., None]:
-    """Return the command ``train``; task, method and preset set the defaults of the learner's settings."""
+def train_command(
+    task: str | None, method: str = "geometric", preset: str | None = None, start: str = "", seed: str = "0"
+) -> Callable[..., None]:
+    """Return the command ``train``; the arguments set the defaults of the learner's settings.
+
+    Args:
+        task: The task; None if only help is wanted.
+        method: The training method.
+        preset: The preset of hyperparameters.
+        start: The policy that training continues, or a folder; "" for none.
+        seed: One of the training seeds, as text: its policy in a folder says what the network looks like.
+    """
     from perdure.envs import task_spec
-    from perdure.learn import PPOConfig, method_config
+    from perdure.learn import PPOConfig
+    from perdure.learn.algorithm import usual_config
+    from perdure.learn.start import start_file
+    from perdure.policy import load_policy
 
-    config = PPOConfig()
+    config: Configuration = PPOConfig()
     if task is not None:
         spec = task_spec(task)
-        config = method_config(method, task, spec.observation_size, preset, spec.default_horizon)
+        config = usual_config(method, task, spec.observation_size, preset, spec.default_horizon)
+        if start:
+            config = config.continued(load_policy(start_file(Path(start), int(seed) if seed.isdecimal() else 0)))
 
     def train(
         task: tyro.conf.Positional[str],
@@ -43,12 +60,13 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
         preset: str | None = None,
         name: str | None = None,
         disturb: tuple[str, ...] = (),
+        start: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
         seeds: tuple[int, ...] = (0,),
         out: Path = Path("runs"),
         cores: Cores = None,
         on: On = "local",
         tensorboard: bool = False,
-        ppo: PPOConfig = config,
+        settings: Configuration = config,
     ) -> None:
         """Train seeds of one task with one method. An interrupted command resumes when you run it again.
 
@@ -59,11 +77,14 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
                 set). By default cleanrl for Hopper and Walker2d, zoo otherwise: with zoo most Hoppers stand still.
             name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
             disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
-                push:0.5 (see `perdure extrapolate --help`); the run is kept in OUT/TASK/METHOD+standard-1.
+                push:0.5 (see `perdure list disturbances`); the run is kept in OUT/TASK/METHOD+standard-1.
+            start: Policy that training continues: network and observation statistics are kept, the critic is new, and
+                a time-to-go input that it lacks begins with weights of 0. A folder: each seed continues its own policy
+                there. The run is kept in OUT/TASK/METHOD+continued.
             seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
             out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
             tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
-            ppo: The learner's settings; the defaults are those of task and method.
+            settings: The learner's settings; the defaults are those of task and method.
         """
         from perdure.disturbances import parse_disturbances
         from perdure.learn.run import TrainRun, on_report
@@ -71,8 +92,15 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 
-        variant = "+".join((method, *sorted(disturb))).replace(":", "-") if parse_disturbances(disturb) else method
-        run = TrainRun(task, name or variant, ppo, seeds, preset=preset, base_method=method, disturb=disturb)
+        parts = [method]
+        if start is not None:
+            parts.append("continued")
+        if parse_disturbances(disturb):
+            parts += sorted(disturb)
+        variant = "+".join(parts).replace(":", "-")
+        run = TrainRun(
+            task, name or variant, settings, seeds, preset=preset, base_method=method, disturb=disturb, start=start
+        )
         with ExitStack() as stack:
             observers = [stack.enter_context(show_progress(f"{run.task} {run.method}", "steps"))]
             if tensorboard:
@@ -86,7 +114,8 @@ def train_command(task: str | None, method: str = "geometric", preset: str | Non
             paths = train_run(run, out, cores=cores, on=on, observe=observe)
         print(*paths, sep="\n")
 
-    train.__annotations__["ppo"] = PPOConfig  # imported in here, where annotations are not looked up
+    # The flags are those of the method's algorithm, such as --ppo.gamma.
+    train.__annotations__["settings"] = Annotated[type(config), tyro.conf.arg(name=config.name)]
     return train
 
 

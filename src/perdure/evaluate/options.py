@@ -16,7 +16,16 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from perdure.disturbances import CALM, STANDARD, STANDARDS, Disturbance, labels, parse_disturbances
+from perdure.disturbances import (
+    CALM,
+    STANDARD,
+    STANDARDS,
+    Disturbance,
+    check_onsets,
+    labels,
+    parse_disturbances,
+    split_text,
+)
 from perdure.envs import TaskSpec, World
 from perdure.envs.disturbances import DisturbedWorld
 from perdure.envs.world import MAX_SEED
@@ -88,11 +97,9 @@ class Extrapolation:
     first_eval_seed: int = field(default=0, kw_only=True)
     """First start state: choose a policy or a clock on some start states, and report on others."""
     disturb: tuple[str, ...] | None = field(default=None, kw_only=True)
-    """none (calm episodes only), standard-1, or what disturbs every episode, all together: action_noise:0.1 (of half
-    the action range), observation_noise:0.05 (of the spread in training), action_delay:2 (steps), push:0.5 (m/s, every
-    200 steps), mass:1.2, friction:0.8, strength:0.9, time_step:0.5 (factors), lag:0.3, payload:0.1, slope:3.
-    push:0.2,0.4 tries each level. Without it: calm episodes and standard-1; discrete actions, or a desired_goal
-    observed: calm only."""
+    """none (calm episodes only), standard-1, or what disturbs every episode, all together: {disturbances}.
+    push:0.2,0.4 tries each level. strength:0.5@2000 acts from step 2,000 on, strength:0.5@2000+500 for 500 steps.
+    Without it: calm episodes and standard-1; discrete actions, or a desired_goal observed: calm only."""
     success: str | None = field(default=None, kw_only=True)
     """Entry of the environment's infos that says after every step whether the goal is reached. If left out, is_success
     or success."""
@@ -171,6 +178,8 @@ class Extrapolation:
             why = f"{STANDARD}, because {spec.name} has " + ("discrete actions" if spec.discrete_actions else "a goal")
             warnings.warn(f"not applied: {why}; name disturbances that it should meet", PerdureWarning, stacklevel=3)
             return [replace(asked[0], not_applied=why)]
+        for each in asked:
+            check_onsets(each.disturbances, each.steps)
         return [_applied(each, spec.name, make) for each in asked]
 
     def deployment_clocks(self, default: Clock | None, steps: int) -> tuple[Clock, ...]:
@@ -237,9 +246,12 @@ def _read_disturbances(texts: Sequence[str]) -> dict[str, tuple[Disturbance, ...
 
 
 def _levels(text: str) -> list[str]:
-    """Return "push:0.2,0.4" as "push:0.2" and "push:0.4"."""
-    name, colon, levels = text.partition(":")
-    return [f"{name}{colon}{level}" for level in levels.split(",")]
+    """Return "push:0.2,0.4" as "push:0.2" and "push:0.4", and "push:0.2,0.4@100" as those of "@100"."""
+    name, levels, time = split_text(text)
+    if not levels:
+        return [text]
+    end = f"@{time}" if "@" in text else ""
+    return [f"{name}:{level}{end}" for level in levels.split(",")]
 
 
 def _applied(condition: Condition, task: str, make: Make) -> Condition:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from perdure.disturbances import Disturbance, labels, parse_disturbances
+from perdure.disturbances import Disturbance, check_onsets, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.envpool import STEP_SECONDS
@@ -168,6 +168,7 @@ def watch(
     if first_eval_seed < 0:
         raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
     clock, met = clock or getattr(policy, "clock", None), parse_disturbances(disturb)
+    check_onsets(met, steps)
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     refuse_import(policy.task.name, modules, "the policy")

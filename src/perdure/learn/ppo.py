@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import State, Transitions, make_estimator
-from perdure.learn.checkpoint import Metrics
+from perdure.learn.algorithm import Metrics
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
@@ -38,6 +38,7 @@ from perdure.learn.rollout import (
     start_env_state,
     update_moments,
 )
+from perdure.learn.start import continue_from
 from perdure.policy import Normalizer, Policy, TaskInfo
 
 if TYPE_CHECKING:
@@ -95,7 +96,8 @@ class PPO:
     def __init__(self, config: PPOConfig, spec: TaskSpec) -> None:
         if spec.discrete_actions:
             raise PerdureError(f"{spec.name}: PPO here needs continuous actions (a Box); this task's are discrete")
-        self._config, self._spec = config, spec
+        self._config = config
+        self._spec = spec
 
         def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
             return jax.jit(partial(function, config=config), compiler_options=COMPILER_OPTIONS, **options)
@@ -107,15 +109,26 @@ class PPO:
         self._prepare = compiled(prepare)
         self._epoch = compiled(epoch, donate_argnums=(0, 1))
 
-    def init(self, seed: int) -> PPOState:
-        """Return the state before training. The same seed gives the same weights."""
-        config, spec = self._config, self._spec
+    def init(self, seed: int, start: Policy | None = None) -> PPOState:
+        """Return the state before training. The same seed gives the same weights.
+
+        Args:
+            seed: The training seed.
+            start: Training continues this policy, see `perdure.learn.start`; None: new weights.
+        """
+        config = self._config
+        spec = self._spec
         embedded = config.protocol.embedding_size
-        normalized = spec.observation_size + (embedded if config.protocol.normalize_embedding else 0)
+        normalized = spec.observation_size
+        if config.protocol.normalize_embedding:
+            normalized += embedded
         with jax.enable_x64(True):
             key = stream(seed, WEIGHT_STREAM)
             params = init_params(key, spec.observation_size + embedded, spec.action_size, config)
             statistics = Statistics(start_moments(normalized), start_moments(1))
+            if start is not None:
+                params, seen = continue_from(start, params, config, spec)
+                statistics = statistics._replace(observations=seen)
             return PPOState(params, start_adam(params), statistics, make_estimator(config).start())
 
     def start(
@@ -150,7 +163,9 @@ class PPO:
             handle, last, traced = running.collect(running.handle, start, state.params, draws)
             rollout = _ready(self._finish(last, traced))
         prepared = _ready(self._prepare(state.params, state.estimator, rollout.experience, seed, iteration))
-        params, adam, losses = state.params, state.adam, []
+        params = state.params
+        adam = state.adam
+        losses = []
         for order in prepared.orders:
             params, adam, reported = _ready(self._epoch(params, adam, prepared.batch, order))
             losses.append(reported)
@@ -171,7 +186,8 @@ class PPO:
 
     def policy(self, state: PPOState) -> Policy:
         """Return the policy of the current weights, without provenance and reference."""
-        spec, moments = self._spec, state.statistics.observations
+        spec = self._spec
+        moments = state.statistics.observations
         return Policy(
             task=TaskInfo.of(spec),
             weights={name: np.asarray(value) for name, value in state.params.items()},
@@ -358,5 +374,6 @@ def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> ND
     """Return rows (step, return, length) of the episodes that ended, in the order of their steps."""
     when, env = np.nonzero(np.asarray(episodes.done))
     steps = iteration * config.rollout_size + (when + 1) * config.n_envs
-    returns, lengths = np.asarray(episodes.returns)[when, env], np.asarray(episodes.lengths)[when, env]
+    returns = np.asarray(episodes.returns)[when, env]
+    lengths = np.asarray(episodes.lengths)[when, env]
     return np.stack([steps, returns, lengths], axis=1).astype(np.float64)
