@@ -321,10 +321,8 @@ def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[Fl
     condition = found.condition
     thing = facts.object_positions[step, found.target]
     about: str = found.stage.verb
-    name = replay.log.targets[found.target].container
     if condition is not None:
         about = condition.name
-        name = condition.container or name
     if about in ("at", "not_holding", Verb.PLACE):
         goal = episode.goal_positions[found.target]
         return np.stack([thing, goal]), f"{np.linalg.norm(thing - goal):.2f} m from its goal"
@@ -333,6 +331,9 @@ def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[Fl
         if facts.held[step] == found.target:
             words = "in the hand"
         return np.stack([thing, gripper]), words
+    name = replay.log.targets[found.target].container
+    if condition is not None and condition.container is not None:
+        name = condition.container
     opened = max(float(facts.containers[name][step]), 0.0)
     handle = np.array(episode.apartment().handle_to_room(str(episode.container_links()[name]), opened))
     hand = float(np.linalg.norm(handle - gripper))

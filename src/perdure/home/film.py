@@ -116,7 +116,7 @@ def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
     skill = step.skill
     prefix = ""
     if step.skill == Verb.NAVIGATE:
-        skill = step.toward or Verb.PICK
+        skill = step.toward or Verb.PICK.value
         prefix = "navigate to "
     thing = SKILL_CONTAINERS.get(skill) or short_name(episode.objects[step.target].kind)
     words = f"{prefix}{SKILL_VERBS.get(skill, skill)} the {thing}"
@@ -196,16 +196,15 @@ def record(
 def _focus(skill: SkillName, state: PrivilegedState) -> tuple[FloatArray | None, int]:
     """Return the point of the room that a skill is about, shape (3,), and the number of the object there, else -1."""
     target = int(state.target[0])
-    verb = SKILL_VERBS.get(skill)
-    if verb == Verb.PICK:
+    if skill == Verb.RESET_ARM:
+        return None, -1
+    if skill == Verb.PICK:
         return state.object[0].copy(), target
-    if verb == Verb.PLACE:
+    if skill == Verb.PLACE:
         return state.goal[0].copy(), target
-    if verb == Verb.NAVIGATE:
+    if skill == Verb.NAVIGATE:
         return state.aim[0].copy(), -1
-    if verb in (Verb.OPEN, Verb.CLOSE):
-        return state.handle[0].copy(), -1
-    return None, -1
+    return state.handle[0].copy(), -1
 
 
 def film_episode(

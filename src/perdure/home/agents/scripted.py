@@ -387,14 +387,6 @@ STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
 """Distances that the next skill may drive on from a standing place, in [m]."""
 
 
-def best_distance(skill: str) -> float:
-    """Return how far from the aim of a skill to stand for it, along the floor in [m]."""
-    following = SKILLS[skill]
-    if issubclass(following, Articulated):
-        return following.scripted_distance
-    return BEST_DISTANCE
-
-
 def navigate(view: View) -> Motion:
     """Drive to a place from which the next skill works."""
     skill_goal = view.world.skill_goal(view.number)
@@ -403,7 +395,10 @@ def navigate(view: View) -> Motion:
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
     cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
-    best = best_distance(skill_goal.toward)
+    best = BEST_DISTANCE
+    following = SKILLS[skill_goal.toward]
+    if issubclass(following, Articulated):
+        best = following.scripted_distance
     stands = list(around(route.space, goals, aim, best, MOST_STANDS, CLOSENESS * (cost - 1.0)))
     while stands:
         plan = _plan(view, skill_goal, stands)
