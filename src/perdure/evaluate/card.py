@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from perdure.envs.suites import module_of
 from perdure.errors import PerdureError
-from perdure.evaluate.verdict import HOLDS_FROM
+from perdure.report.scores import HOLDS_FROM
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
 from perdure.report import estimate_table, read_table, wording
