@@ -215,6 +215,7 @@ def extrapolate(
     from perdure.evaluate.stored import takes_clock
     from perdure.evaluate.watch import add_stills
     from perdure.policy.onnx import is_onnx
+    from perdure.report.outcomes import NeverWorked
     from perdure.runs.progress import show_progress
 
     aside = redirect_stdout(sys.stderr if json else sys.stdout)  # environments and functions may print
@@ -252,10 +253,11 @@ def extrapolate(
         )
         if not function:
             add_stills(result.frame, result.files, files, out, on)
-    table, states = result.path, result.frame["policy_state"].unique().to_list()
+    table = result.path
+    states = result.frame["policy_state"].unique().to_list()
     del result  # the report needs the memory
     assert table is not None
-    if normalizer == "none" and "never worked" in states:
+    if normalizer == "none" and NeverWorked.name in states:
         print(
             "perdure: with --normalizer none the policy sees raw observations; if it was trained behind VecNormalize, "
             "give the file that its save() wrote, often vecnormalize.pkl beside the model",
@@ -338,7 +340,10 @@ def read_clock(flag: str, text: str | None, policy: PolicyLike, steps: int | Non
 
 
 def report(table: tyro.conf.Positional[Path], out: Path | None = None, formats: tuple[Format, ...] = ("png",)) -> None:
-    """Make report.html and its figures from a table that `perdure extrapolate` wrote.
+    """Judge the episodes of a table that `perdure extrapolate` wrote, and make report.html and its figures.
+
+    Nothing is simulated. Verdicts follow the rules of this version of perdure, from episodes.parquet and from
+    baselines.parquet beside it. Without the second file, as in older results, the verdicts of the table are shown.
 
     Args:
         table: The table episodes.parquet, or the folder that holds it.
@@ -368,10 +373,11 @@ def write_and_show(
     Raises:
         SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
     """
-    from perdure.report import estimate_table, read_episodes, summary_text, write_report
+    from perdure.evaluate.judge import read_judged
+    from perdure.report import estimate_table, summary_text, write_report
     from perdure.report.page import STILLS, not_holding, summary_json
 
-    episodes, notes = read_episodes(table)
+    episodes, notes = read_judged(table)
     estimates = estimate_table(episodes)
     del episodes  # of a large table
     if not as_json:

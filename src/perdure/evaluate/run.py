@@ -7,26 +7,22 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from perdure.disturbances import Disturbance
 from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, report_success, task_of_environment
 from perdure.envs.disturbances import disturbed_task
-from perdure.envs.suites import is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
+from perdure.evaluate.judge import Baseline, judge_table, make_scales
 from perdure.evaluate.reference import idle_baseline, with_reference
 from perdure.evaluate.stored import GROUPS, REPLACED, evaluate_files, function_policy, load, plan, run_episodes
-from perdure.evaluate.table import TABLE, ExtrapolationResult, judge_table, method_label
-from perdure.evaluate.verdict import make_score_scale, published_rate
+from perdure.evaluate.table import TABLE, ExtrapolationResult, method_label, train_seed, with_not_applied
 from perdure.policy import Policy, PolicyLike
 from perdure.policy.onnx import OnnxModel, is_onnx
 from perdure.runs import Observer, Store, UnitProgress
 from perdure.runs.progress import Lines
 from perdure.runs.workers import check_on, core_count
-
-if TYPE_CHECKING:
-    import polars as pl
 
 
 def extrapolate(
@@ -144,7 +140,7 @@ def extrapolate(
             subject = replace(subject, reference=None)  # measured without this entry
         label = method_label(subject, "policy") if name is None else name
         task = task_of_environment(env) if isinstance(env, str) else None
-        result = ExtrapolationResult(_evaluate_here(evaluation, subject, source, task, label, observe), None)
+        result = _evaluate_here(evaluation, subject, source, task, label, observe)
         if out is None:
             return result
         result.write(out, command)
@@ -153,8 +149,8 @@ def extrapolate(
 
 def _evaluate_here(
     evaluation: Extrapolation, policy: PolicyLike, source: OpenEnv, task: str | None, label: str, observe: Observer
-) -> pl.DataFrame:
-    """Return the table of one policy, evaluated in this process; `task`: the name of the environment, if it has one."""
+) -> ExtrapolationResult:
+    """Evaluate one policy in this process; `task`: the name of the environment, if it has one."""
     import polars as pl
 
     def make(disturbances: Sequence[Disturbance], seeds: Sequence[int]) -> World:
@@ -183,6 +179,6 @@ def _evaluate_here(
             # The last episode is repeated where a VectorEnv fixes their number.
             frames.append(rows.head(len(rows) // len(group) * len(set(group))))
             finished += specs[0].steps * len(set(group))
-    scale = make_score_scale(policy.reference, idle, published_rate(spec.name), is_contract(spec.name))
-    not_applied = {each.label: each.not_applied for each in conditions}
-    return judge_table(pl.concat(frames).with_columns(task=pl.lit(spec.name)), [scale] * len(episodes), not_applied)
+    frame = with_not_applied(pl.concat(frames).with_columns(task=pl.lit(spec.name)), conditions)
+    baselines = {(label, train_seed(policy)): Baseline(policy.reference, idle)}
+    return ExtrapolationResult(judge_table(frame, make_scales(baselines, spec.name)), None, baselines=baselines)

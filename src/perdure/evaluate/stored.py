@@ -17,23 +17,23 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX, is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, Condition, EpisodeSpec, Extrapolation, evaluate_episodes, split
+from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales, write_baselines
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
     TABLE,
     ExtrapolationResult,
     episode_table,
     file_note,
-    judge_table,
     made_with,
     method_label,
     train_seed,
+    with_not_applied,
 )
-from perdure.evaluate.verdict import ScoreScale, make_score_scale, published_rate
 from perdure.horizon import Clock
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, check_fit, find_policy, load_policy
 from perdure.policy.onnx import OnnxModel, is_onnx, model_digest
 from perdure.policy.reference import resolve_training_horizon
-from perdure.report.schema import SCHEMA_VERSION
+from perdure.report.schema import RAW_VERSION
 from perdure.runs import (
     Observer,
     Store,
@@ -321,32 +321,33 @@ def evaluate_files(
             raise PerdureError(f"{len(lost)} of {len(episodes)} episodes are not in {store.root}")
         groups, labels = list(dict.fromkeys(finished[episode] for episode in wanted)), _labels(files)
         frame = _collect(store, groups, wanted, [labels[episode.policy] for episode in episodes])
-        scales = _scales(store, files, versions)
-        not_applied = {each.label: each.not_applied for each in conditions}
-        frame = judge_table(frame, [scales[episode.policy] for episode in episodes], not_applied)
+        baselines = _baselines(store, files, labels, versions)
+        frame = judge_table(with_not_applied(frame, conditions), make_scales(baselines, files[0].task))
         notes = {
             file_note(label, train_seed(file.policy)): file.digest for label, file in zip(labels, files, strict=True)
         }
         if out is None:
-            return ExtrapolationResult(frame, None, notes)
+            return ExtrapolationResult(frame, None, notes, baselines)
         from perdure.report import write_table
 
         told = {"command": command, "success": evaluation.success or "", **made_with(), **notes}
-        path = write_table(Path(out) / TABLE, frame, told)
-        return ExtrapolationResult(frame, path, notes)
+        path = write_table(Path(out) / TABLE, frame, told | write_baselines(Path(out), baselines))
+        return ExtrapolationResult(frame, path, notes, baselines)
 
 
-def _scales(store: Store, files: Sequence[_PolicyFile], versions: Versions) -> list[ScoreScale]:
-    """Return what the rewards of each policy are measured by, from finished units."""
-    task, scales = files[0].task, list[ScoreScale]()
-    idle = read_idle(store.get(idle_unit(task, versions).key))
-    for file in files:
+def _baselines(
+    store: Store, files: Sequence[_PolicyFile], labels: Sequence[str], versions: Versions
+) -> dict[PolicyKey, Baseline]:
+    """Return what the rewards of each policy are compared with, from finished units."""
+    found = dict[PolicyKey, Baseline]()
+    idle = read_idle(store.get(idle_unit(files[0].task, versions).key))
+    for file, label in zip(files, labels, strict=True):
         policy = file.policy
         if policy.reference is None:
             policy = load_reference(policy, store.get(file.reference_unit(versions).key))
         assert policy.reference is not None
-        scales.append(make_score_scale(policy.reference, idle, published_rate(task), is_contract(task)))
-    return scales
+        found[label, train_seed(policy)] = Baseline(policy.reference, idle)
+    return found
 
 
 def _labels(files: Sequence[_PolicyFile]) -> list[str]:
@@ -382,7 +383,7 @@ def _setups(task: str, episodes: Sequence[EpisodeSpec], success: str | None = No
         label, steps, disturb = setup
         versions = _versions(disturbed_task(task, each.disturbances))
         shared = {"label": label, "steps": steps, "disturb": list(disturb), "success": success}
-        found[setup] = {"table": SCHEMA_VERSION, "versions": versions, **shared}
+        found[setup] = {"table": RAW_VERSION, "versions": versions, **shared}
     return found
 
 

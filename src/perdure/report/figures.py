@@ -12,7 +12,9 @@ import numpy as np
 from perdure.report import charts, wording
 from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
 from perdure.report.estimates import Estimate, best_clock
-from perdure.report.groups import MISSES, REACHES, failure_times
+from perdure.report.groups import failure_times
+from perdure.report.outcomes import outcome_words
+from perdure.report.scores import HOLDS_FROM
 from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval, kaplan_meier
 
 MOST_CURVES = 8
@@ -22,7 +24,10 @@ MOST_ROWS = 40
 HALF = 600
 """Width of each of two figures of failures. [px]"""
 _SELECTED = "Of every kind of clock the best C is shown, chosen on these episodes. "
-_FAILURE = "Failure: a fall, a divergence, or a score against its own training that stays below 0.75 until the end. "
+_FAILURE = (
+    "Failure: a fall, a divergence, or a score against its own training that stays below "
+    f"{HOLDS_FROM:g} until the end. "
+)
 Sweeps = dict[tuple[str, str], list[Estimate]]
 
 
@@ -41,15 +46,15 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[list[Figure], list[Figu
     shown = overview(estimates)
     some = len(shown) < len(estimates)
     selected = _SELECTED if some else ""
-    top = [_failures(items, words, shown, selected) for words, items in _panels(shown)]
-    others = [_reward(items, words, shown, selected) for words, items in _panels(shown)]
-    for words, items in _panels(estimates):
+    top = [_failures(items, condition, shown, selected) for condition, items in _panels(shown)]
+    others = [_reward(items, condition, shown, selected) for condition, items in _panels(shown)]
+    for condition, items in _panels(estimates):
         for (line, kind), sweep in _sweeps(items).items():
             if some and len(sweep) > 2:
                 title = f"{line}, {wording.clock(kind, 'C')}"
                 drawn = [item for item in items if not item.group.is_tuned_by_steps] + sweep
                 others += [draw(drawn, title, drawn, "") for draw in (_failures, _reward)]
-        others += _against_c(items, words)
+        others += _against_c(items, condition)
     task, parts = estimates[0].group.task, ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
     top, others = ([replace(each, name=slug(task, each.name), heading=task) for each in part] for part in parts)
     return top, others
@@ -181,7 +186,7 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
 
     Tasks that end at the goal have none: how much reward they pay until then says nothing.
     """
-    if any({REACHES, MISSES} & {*item.group.verdicts} for item in shown):
+    if any({*outcome_words(by_goal=True)} & {*item.group.verdicts} for item in shown):
         return
     lines, unfailed = list[Curve](), list[charts.Row]()
     for item, look in zip(shown, _styles(shown, shown), strict=True):

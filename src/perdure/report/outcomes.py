@@ -62,11 +62,6 @@ class Outcome(Registered):
         """The color on a page."""
         return self.color or COLORS[self.good]
 
-    @property
-    def css_class(self) -> str:
-        """Name of the class that gives the word its color on a page."""
-        return f"outcome-{self.name.replace(' ', '-')}"
-
 
 class EpisodeOutcome(Outcome):
     """What became of an episode beyond the training horizon.
@@ -340,7 +335,7 @@ def outcomes(**wanted: Any) -> list[EpisodeOutcome]:
     return sorted(chosen, key=lambda each: (ranks[each.good], each.order, each.name))
 
 
-def words(**wanted: Any) -> list[str]:
+def outcome_words(**wanted: Any) -> list[str]:
     """Return the words of the outcomes with these attributes, in the order of `outcomes`."""
     return [each.name for each in outcomes(**wanted)]
 
@@ -352,12 +347,12 @@ def outcome(word: str) -> EpisodeOutcome:
 
 def failures() -> list[str]:
     """Return the words of the table that are failures of an episode, such as "falls"."""
-    return words(good=False, in_table=True)
+    return outcome_words(good=False, in_table=True)
 
 
-def verdicts() -> list[str]:
+def verdicts_in_order() -> list[str]:
     """Return the words that reports show, good ones first."""
-    return words(shown_as="")
+    return outcome_words(shown_as="")
 
 
 def judging_order() -> list[EpisodeOutcome]:
@@ -371,11 +366,15 @@ def find_advice(kind: str) -> Advice:
     return SITUATIONS[kind] if kind in SITUATIONS else outcome(kind).advice
 
 
+_RANKS = {True: "good", False: "bad", None: "-"}
+_OWN = sorted(EpisodeOutcome.__subclasses__(), key=lambda kind: (list(_RANKS).index(kind.good), kind.order))
+OWN_TABLE_WORDS = tuple(kind.name for kind in _OWN if kind.in_table)
+"""Words of the table that perdure itself defines, for its documentation."""
+
+
 def _documentation() -> str:
     """Return the table of perdure's own outcomes, in Markdown."""
-    ranks = {True: "good", False: "bad", None: "-"}
-    kinds = sorted(EpisodeOutcome.__subclasses__(), key=lambda kind: (list(ranks).index(kind.good), kind.order))
-    rows = [f"| {kind.name} | {ranks[kind.good]} | {kind.meaning} | {kind.advice.sentence} |" for kind in kinds]
+    rows = [f"| {kind.name} | {_RANKS[kind.good]} | {kind.meaning} | {kind.advice.sentence} |" for kind in _OWN]
     return "\n".join(["| outcome | | an episode has it if | what to do next |", "|---|---|---|---|", *rows])
 
 
