@@ -51,23 +51,34 @@ if TYPE_CHECKING:
     import polars as pl
 
 Met: TypeAlias = tuple[Disturbance, ...]
-BEFORE, AFTER = 5.0, 1.0
-"""Seconds shown before a failure and after it."""
+BEFORE = 5.0
+"""Seconds shown before a failure."""
+AFTER = 1.0
+"""Seconds shown after a failure."""
 MOST_WINDOW = 10.0
 """Most seconds shown of the window of rewards in which a silent failure begins."""
 RATE = 25.0
 """Pictures per second, at most."""
 SCORE_STEPS = 100
 """Steps over which the score in the picture is taken."""
-SIZE, STILL_SIZE = (480, 360), (352, 264)
+SIZE = (480, 360)
+"""Width and height of a picture of a film in pixels."""
+STILL_SIZE = (352, 264)
+"""Width and height of a still in pixels."""
 COLORS = 96
 """Colors of the stills, a fifth of the bytes of all colors."""
-TITLE, SUBTITLE, BELOW = 20, 14, 15
-"""Font sizes of the lines above and below a picture."""
+TITLE = 20
+"""Font size of the first line above a picture."""
+SUBTITLE = 14
+"""Font size of the other lines above a picture."""
+BELOW = 15
+"""Font size of the line below a picture."""
 BODY = 1
 """The camera follows the first body after the world, the robot's torso, unless the environment says otherwise."""
-AZIMUTH, ELEVATION = 90.0, -15.0
-"""From the side on which Gymnasium's robots run to the right, in degrees."""
+AZIMUTH = 90.0
+"""Of the camera in degrees: Gymnasium's robots run to the right."""
+ELEVATION = -15.0
+"""Of the camera in degrees: seen from above."""
 
 VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
 """EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
@@ -168,7 +179,8 @@ def watch(
         raise PerdureError(f"steps and eval_seeds must be at least 1, got {steps} and {eval_seeds}")
     if first_eval_seed < 0:
         raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
-    clock, met = clock or getattr(policy, "clock", None), parse_disturbances(disturb)
+    clock = clock or getattr(policy, "clock", None)
+    met = parse_disturbances(disturb)
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     refuse_import(policy.task.name, modules, "the policy")
@@ -301,7 +313,9 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
                 raise PerdureError(
                     f"the episode returned {total:.6g} when it was filmed and {episode.total:.6g} when judged"
                 )
-            observations, space, acting = result.observations, env.action_space, policy.start([episode.clock])
+            observations = result.observations
+            space = env.action_space
+            acting = policy.start([episode.clock])
             for step in range(episode.end_step + 1, stop + 1):
                 action = acting.act(observations, step - 1)[0]
                 observation, reward, *_ = env.step(action.reshape(space.shape).astype(space.dtype))
@@ -317,7 +331,8 @@ class RobotCamera(Renderer):
     def __init__(self, env: Any, size: tuple[int, int]) -> None:
         import mujoco
 
-        model, self._data = copy(env.unwrapped.model), env.unwrapped.data
+        model = copy(env.unwrapped.model)
+        self._data = env.unwrapped.data
         # Floors are drawn without an edge, as in the simulation: robots run far. Their texture repeats every meter.
         floors = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
         model.geom_size[floors, :2] = 0.0
@@ -331,7 +346,8 @@ class RobotCamera(Renderer):
         self._camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING.value
         self._camera.trackbodyid = int(config.get("trackbodyid", BODY))
         self._camera.distance = float(config.get("distance", 1.5 * model.stat.extent))
-        self._camera.azimuth, self._camera.elevation = AZIMUTH, ELEVATION
+        self._camera.azimuth = AZIMUTH
+        self._camera.elevation = ELEVATION
 
     def take(self) -> Picture:
         """Return a picture of the simulation as it is now."""

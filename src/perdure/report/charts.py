@@ -30,15 +30,24 @@ from perdure.stats import FloatArray
 
 # Style
 
-WIDTH, WIDE, HEIGHT = 660, 1120, 290
-"""Width of half-page and of full-page figures, and height, each of the area between the axes. [px]"""
+WIDTH = 660
+"""Width of half-page figures, of the area between the axes. [px]"""
+WIDE = 1120
+"""Width of full-page figures. [px]"""
+HEIGHT = 290
+"""Height of the area between the axes. [px]"""
 PNG_SCALE = 2.0
 """Pixels of a PNG for each of these."""
-FONT_SIZE, TITLE_SIZE = 11, 14
+FONT_SIZE = 11
+TITLE_SIZE = 14
 LETTER = 0.52
 """Mean width of a letter in font sizes."""
 
-PAPER, INK, SOFT, GRID, FADED = "#ffffff", "#2b2f36", "#5f656e", "#e4e6ea", "#8b9099"
+PAPER = "#ffffff"
+INK = "#2b2f36"
+SOFT = "#5f656e"
+GRID = "#e4e6ea"
+FADED = "#8b9099"
 _CATEGORIES = {
     "#0072b2": "#56a8e0",
     "#d55e00": "#ff8a4c",
@@ -152,11 +161,16 @@ class Axis:
         """Return the ends of the axis, all values between them; 0 too unless it is logarithmic or has its own ends."""
         if self.percent:
             return 0.0, 1.0
-        low, high = least, most = min(values, default=0.0), max(values, default=1.0)
+        least = min(values, default=0.0)
+        most = max(values, default=1.0)
+        low = least
+        high = most
         if not self.log:
-            low, high = min(least, 0.0), max(most, 0.0)
+            low = min(least, 0.0)
+            high = max(most, 0.0)
             margin = 0.04 * (high - low or 1.0)
-            low, high = low - margin * (low < 0.0), high + margin
+            low -= margin * (low < 0.0)
+            high += margin
         low = low if self.low is None else min(self.low, least)
         high = high if self.high is None else max(self.high, most)
         return low, high if high > low else low + 1.0
@@ -171,7 +185,8 @@ class Axis:
             marks |= {"labelExpr": "format(100 * datum.value, '~g') + ' %'"}
         elif self.log:
             low = self.low or high / 1e3
-            first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
+            first = math.ceil(math.log10(low) - 1e-9)
+            last = math.floor(math.log10(high) + 1e-9)
             values = [10.0**k for k in range(first, last + 1)]
             values += [high] if values and high >= 2.0 * values[-1] else []
             marks |= {"format": ",.0f" if low >= 1.0 else "~g"}
@@ -205,8 +220,10 @@ def named(field: str, **more: Any) -> Spec:
 def _looks(things: Sequence[Any], legend: bool = False) -> tuple[Spec, Spec, Spec]:
     """Return the channels that give each thing its color, dash pattern and shape, by the field `label`."""
     shown = {"symbolOpacity": 1} if legend else None
-    labels, looks = [each.label for each in things], [each.style for each in things]
-    colors, shapes = [each.color for each in looks], [each.shape for each in looks]
+    labels = [each.label for each in things]
+    looks = [each.style for each in things]
+    colors = [each.color for each in looks]
+    shapes = [each.shape for each in looks]
     dashes = [[*each.dash] for each in looks]
     return (
         named("label", title=None, legend=shown, scale={"domain": labels, "range": colors}),
@@ -235,8 +252,12 @@ def _finite(arrays: Iterable[FloatArray | Sequence[float] | None]) -> list[float
 
 FEWEST_JOINED = 3
 """Fewer points are not joined by a line: nothing is known between two."""
-_LINE, _NAME, _BAR = 13, 24, 5
-"""Height of a line of text [px]; letters of a curve's name in one line; room for a bar at the right [px]."""
+_LINE = 13
+"""Height of a line of text. [px]"""
+_NAME = 24
+"""Letters of a curve's name in one line."""
+_BAR = 5
+"""Room for a bar at the right. [px]"""
 _AT_RISK = 52
 """From the axis down to the numbers at risk [px]."""
 
@@ -320,14 +341,17 @@ def curve_chart(
     longest = max((len(word) for row in names for word in row["text"]), default=0)
     bars_end = _BAR * len(lasts)
     plot = max(width - 75 - text_width(longest) - bars_end, width // 3)
-    across, up = x.channel("x", xs), y.channel("y", ys, grid=True)
+    across = x.channel("x", xs)
+    up = y.channel("y", ys, grid=True)
     span = {"y": up | {"field": "lower"}, "y2": {"field": "upper"}}
     color, dash, shape = _looks([*lines, *levels])
     joined, dots, bands, bars, members = _curve_rows(lines, x)
     flat = [{"label": each.label, **{k: number(getattr(each, k)) for k in ("y", "lower", "upper")}} for each in levels]
     kind = {"interpolate": "step-after" if steps else "linear"}
     tips = [named("label", title="curve"), x.tooltip("x"), y.tooltip("y")]
-    edge, point = {"value": "width"}, {"x": across, "y": up, "color": color}  # a page may change the width
+    # a page may change the width
+    edge = {"value": "width"}
+    point = {"x": across, "y": up, "color": color}
     level_bands = [row for row in flat if row["lower"] is not None]
     words = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE, "dx": bars_end + 13}
     text = named("text")
@@ -401,7 +425,8 @@ def _wrapped(label: str) -> list[str]:
 
 def _at_risk_layers(curves: Sequence[Curve], across: Spec, right: float, color: Spec) -> Iterator[Spec]:
     """Write under the marks of the axis how many episodes of each curve are still watched."""
-    place, ticks = HEIGHT + _AT_RISK, across["axis"].get("values", ())
+    place = HEIGHT + _AT_RISK
+    ticks = across["axis"].get("values", ())
     style = {"baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
     if curves and ticks:
         heading = [{"text": "number at risk: episodes without a failure before this step"}]
@@ -409,7 +434,8 @@ def _at_risk_layers(curves: Sequence[Curve], across: Spec, right: float, color: 
         yield layer(heading, "text", soft, x={"value": 0}, y={"value": place}, text=named("text"))
     for each in curves if ticks else ():
         place += _LINE + 3
-        y, watched = {"value": place}, np.asarray(each.watched)
+        y = {"value": place}
+        watched = np.asarray(each.watched)
         rows = [{"x": at, "label": each.label, "text": f"{(watched >= at).sum():,}"} for at in ticks]
         yield layer(rows, "text", style, x=across, y=y, text=named("text"), color=color)
         if len(curves) > 1:
@@ -442,7 +468,8 @@ def spread(wanted: FloatArray, gap: float, low: float, high: float) -> FloatArra
 
     if not len(wanted):
         return wanted
-    order, gaps = np.argsort(wanted, kind="stable"), np.arange(len(wanted)) * gap
+    order = np.argsort(wanted, kind="stable")
+    gaps = np.arange(len(wanted)) * gap
     placed = np.empty(len(wanted))
     placed[order] = np.maximum(np.minimum(isotonic_regression(wanted[order] - gaps).x, high - gaps[-1]), low) + gaps
     return placed
@@ -490,7 +517,8 @@ def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: 
     """
     color, _, shape = _looks(points, legend=len(points) > 1)
     row_of = _row_channels(names, points)
-    rows, rings = list[Row](), list[Row]()
+    rows = list[Row]()
+    rings = list[Row]()
     for each in points:
         for k, row in enumerate(each.rows):
             at = {"label": each.label, "row": names[row]}
@@ -506,7 +534,8 @@ def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: 
     ]
     ranges, dots = ([row for row in rows if row[known] is not None] for known in ("low", "x"))
     span = {"x": across | {"field": "low"}, "x2": {"field": "high"}}
-    looks, ring = {"x": across, "color": color, "shape": shape}, {"size": 30, "filled": False, "strokeWidth": 1.3}
+    looks = {"x": across, "color": color, "shape": shape}
+    ring = {"size": 30, "filled": False, "strokeWidth": 1.3}
     layers = [
         layer(ranges, "rule", {"size": 2.4, "opacity": 0.5}, **row_of, **span, color=color),
         layer(rings, "point", {**ring, "opacity": 1}, **row_of, **looks),
@@ -539,7 +568,8 @@ def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = 
         **{"type": "quantitative", "title": x.title, "axis": axis | {"domain": False, "titleAnchor": "start"}},
         "scale": {"domain": [0.0, plot / unit], "nice": False},
     }
-    behind, layers = across | {"field": "end"}, list[Spec]()
+    behind = across | {"field": "end"}
+    layers = list[Spec]()
     if any(each.whole is not None for each in bars):
         layers.append(layer(rows, "bar", {"opacity": 0.3}, **row_of, x=behind, color=color))
     layers.append(layer(rows, "bar", {}, **row_of, x=across | {"field": "x"}, color=color))
@@ -606,7 +636,8 @@ class Figure:
             if "data" in part:
                 values = part["data"]["values"]
                 name = next((each for each, known in datasets.items() if known == values), f"data-{len(datasets)}")
-                datasets[name], part["data"] = values, {"name": name}
+                datasets[name] = values
+                part["data"] = {"name": name}
             return part
 
         return {"$schema": SCHEMA, **view(self.chart), "datasets": datasets, "config": CONFIG}
@@ -629,7 +660,8 @@ def render(figure: Figure, kind: Format = "png") -> bytes:
 
     if kind not in FORMATS:
         raise PerdureError(f"A figure cannot be written as {kind!r}; formats are {', '.join(FORMATS)}.")
-    spec, how = figure.standalone(), dict[str, Any](allowed_base_urls=[])
+    spec = figure.standalone()
+    how = dict[str, Any](allowed_base_urls=[])
     if kind == "svg":
         return str(vl_convert.vegalite_to_svg(spec, **how)).encode()
     if kind == "pdf":
@@ -639,7 +671,9 @@ def render(figure: Figure, kind: Format = "png") -> bytes:
 
 def _deflate(png: bytes) -> bytes:
     """Compress a PNG again: vl-convert's own is 2.5 times as large (measured)."""
-    head, pixels, place = png[:33], b"", 33  # signature and header
+    head = png[:33]  # signature and header
+    pixels = b""
+    place = 33
     while place < len(png):
         (size,) = struct.unpack(">I", png[place : place + 4])
         if png[place + 4 : place + 8] == b"IDAT":
@@ -658,9 +692,11 @@ def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:
     """Return figures with a number behind each name that is in `taken` already; names are added to it."""
     found = []
     for figure in figures:
-        name, number = figure.name, 2
+        name = figure.name
+        number = 2
         while name in taken:
-            name, number = f"{figure.name}-{number}", number + 1
+            name = f"{figure.name}-{number}"
+            number += 1
         taken.add(name)
         found.append(replace(figure, name=name))
     return found

@@ -55,7 +55,8 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[list[Figure], list[Figu
                 drawn = [item for item in items if not item.group.is_tuned_by_steps] + sweep
                 others += [draw(drawn, title, drawn, "") for draw in (_failures, _reward)]
         others += _against_c(items, condition)
-    task, parts = estimates[0].group.task, ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
+    task = estimates[0].group.task
+    parts = ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
     top, others = ([replace(each, name=slug(task, each.name), heading=task) for each in part] for part in parts)
     return top, others
 
@@ -105,7 +106,8 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
         if item.working.count >= FEWEST_FOR_INTERVAL and np.isfinite(item.verdict.share.lower):
             lower[-1], upper[-1] = item.working.last()
         x = np.clip([low, *at, float(item.group.test_horizon)], low, high)
-        y, watched = np.array([1.0, *share, share[-1]]), times.astype(np.float64)
+        y = np.array([1.0, *share, share[-1]])
+        watched = times.astype(np.float64)
         label = _label(item, chosen)
         lines.append(Curve(label, x, y, look, lower, upper, intervals="last", watched=watched))
     axis = Axis(f"share of episodes that have not failed ({_episodes(chosen)})", percent=True)
@@ -121,11 +123,14 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
 
 def _reward(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate], selected: str) -> Figure:
     """Draw the mean reward per step so far; on a logarithmic axis a cumulative return would be curved."""
-    lines, bands = [], len(chosen) <= MOST_CURVES
+    lines = []
+    bands = len(chosen) <= MOST_CURVES
     low, high = (float(end(item.steps[k] for item in chosen)) for end, k in ((min, 0), (max, -1)))
     for item, look in zip(chosen, _styles(chosen, shown), strict=True):
-        found, steps = item.returns, item.steps.astype(np.float64)
-        lower, upper = found.lower / steps, found.upper / steps
+        found = item.returns
+        steps = item.steps.astype(np.float64)
+        lower = found.lower / steps
+        upper = found.upper / steps
         members = item.return_units / steps if 1 < found.count < FEWEST_FOR_INTERVAL else None
         intervals: Literal["band", "last"] = "band" if bands else "last"
         label = _label(item, chosen)
@@ -153,7 +158,8 @@ def _horizons(chosen: Sequence[Estimate], low: float, high: float) -> list[Marke
 
 def _label(item: Estimate, chosen: Sequence[Estimate]) -> str:
     """Return the name of a curve: without the disturbance where all curves have it, "C = 500" in a sweep."""
-    group, alike = item.group, len({each.group.disturbance for each in chosen}) == 1
+    group = item.group
+    alike = len({each.group.disturbance for each in chosen}) == 1
     swept = len(_sweeps(chosen)) == 1 and len(chosen) > MOST_CURVES // 2
     if swept and group.is_tuned_by_steps:
         return f"C = {wording.whole(group.clock_steps)}"
@@ -188,7 +194,8 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
     """
     if any({*outcome_words(by_goal=True)} & {*item.group.verdicts} for item in shown):
         return
-    lines, unfailed = list[Curve](), list[charts.Row]()
+    lines = list[Curve]()
+    unfailed = list[charts.Row]()
     for item, look in zip(shown, _styles(shown, shown), strict=True):
         group = item.group
         times, failed = failure_times(group.verdicts, group["failed_step"])
@@ -200,7 +207,8 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
         steps = np.minimum(group.steps[places], group["end_step"])
         points = []
         for run in np.unique(group.runs):
-            mine, failures = (group.runs == run) & (times > 0), failed[group.runs == run].sum()
+            mine = (group.runs == run) & (times > 0)
+            failures = failed[group.runs == run].sum()
             if mine.any():
                 speed = earned[mine].sum() / steps[mine].sum() - group["idle_rate"][mine].mean()
                 points.append((times[mine].sum() / max(failures, 1), speed))
@@ -212,7 +220,8 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
     every = np.concatenate([each.x for each in lines]) if lines else np.zeros(0)
     if len(every) < 2:
         return
-    low, high = math.floor(math.log10(every.min() / 1.1)), math.ceil(math.log10(every.max() * 1.1))
+    low = math.floor(math.log10(every.min() / 1.1))
+    high = math.ceil(math.log10(every.max() * 1.1))
     across = Axis("steps between failures", log=True, low=10.0**low, high=10.0**high)
     chart = curve_chart(lines, across, Axis("reward per step until the failure, above that of an idle robot"))
     if unfailed:
@@ -255,7 +264,8 @@ def _against_c(chosen: Sequence[Estimate], words: str) -> Iterator[Figure]:
         return
     lines = []
     for k, ((line, kind), sweep) in enumerate(sweeps.items()):
-        steps, returns = [item.group.clock_steps for item in sweep], [item.final_return for item in sweep]
+        steps = [item.group.clock_steps for item in sweep]
+        returns = [item.final_return for item in sweep]
         columns = map(np.array, (steps, returns, *zip(*(item.returns.last() for item in sweep), strict=True)))
         x, y, lower, upper = columns
         label = f"{line}, {wording.clock(kind, 'C')}"

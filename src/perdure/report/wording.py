@@ -47,7 +47,8 @@ def clock(kind: str, steps: str) -> str:
 
 def sample(counts: Sequence[int], noun: str) -> str:
     """Return the sample size in words: [6, 6], "episode" -> "n = 6 episodes each"; [4, 6] -> "n = 4 to 6 episodes"."""
-    least, most = min(counts), max(counts)
+    least = min(counts)
+    most = max(counts)
     if least < most:
         return f"n = {least:,} to {count(most, noun)}"
     return f"n = {count(most, noun)}" + (" each" if len(counts) > 1 else "")
