@@ -391,7 +391,7 @@ def test_other_rules_replace_the_verdicts_of_a_stored_evaluation_without_a_step(
     monkeypatch.setattr("perdure.evaluate.verdict.LEAST_SCORE", -100.0)
     after = evaluate_files(evaluation, tmp_path, on="here", observe=lambda status: started.append(set(status)))
     assert started == []
-    assert set(before.frame["policy_state"]) == {"never worked"}
+    assert "worked" not in set(before.frame["policy_state"])
     assert set(after.frame["policy_state"]) == {"worked"}
     assert after.frame.select(RAW).equals(before.frame.select(RAW))
     judged, _ = read_judged(after.path)
