@@ -74,11 +74,7 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     runs, rows, ended = measure_runs(episodes), [], False
     for number, claim in enumerate(CLAIMS, 1):
         here = runs.filter(condition=claim.condition)
-        sides = {
-            str(task): (_values(part, claim, claim.left), _values(part, claim, claim.right))
-            for (task,), part in sorted(here.group_by("task"))
-        }
-        sides = {task: (left, right) for task, (left, right) in sides.items() if len(left) and len(right)}
+        sides = sides_by_task(runs, claim)
         complete = len(sides) == len(TASKS) and all(len(side) == 10 for pair in sides.values() for side in pair)
         rows += [_row(number, claim, task, {task: pair}, here.filter(task=task)) for task, pair in sides.items()]
         if len(sides) > 1 and all(len(side) > 1 for pair in sides.values() for side in pair):
@@ -92,9 +88,30 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def measure_runs(episodes: pl.DataFrame) -> pl.DataFrame:
-    """Return one row for each training run and condition, with every measure, from a row for each episode."""
+def sides_by_task(runs: pl.DataFrame, claim: Claim) -> dict[str, Sides]:
+    """Return the two sides of a claim on each task that has runs of both, from `measure_runs`."""
+    sides = {}
+    for (task,), part in sorted(runs.filter(condition=claim.condition).group_by("task")):
+        left = part.filter(method=claim.left)[claim.measure].to_numpy()
+        right = part.filter(method=claim.right)[claim.measure].to_numpy()
+        if len(left) and len(right):
+            sides[str(task)] = (left, right)
+    return sides
+
+
+def measure_runs(episodes: pl.DataFrame, least_gain: float = LEAST_GAIN) -> pl.DataFrame:
+    """Return one row for each training run and condition, with every measure, from a row for each episode.
+
+    Work and score compare the return with that of an idle robot, as a share of a published policy's over the whole
+    episode. The idle robot of work earns until the episode ends, that of the score for the whole episode, so that an
+    early fall scores below 0.
+
+    Args:
+        episodes: Rows of the frozen table of fresh runs.
+        least_gain: A run whose calm gain is below this share of discounted PPO's stands; its working share is 0.
+    """
     rate = pl.col("return") / pl.col("test_horizon")
+    work = (pl.col("return") - pl.col("idle_rate") * pl.col("end_step")) / (SCALE * pl.col("test_horizon"))
     return (
         episodes.with_columns(method=pl.col("method").str.split("@").list.first())
         .group_by("task", "method", "train_seed", "condition")
@@ -103,9 +120,10 @@ def measure_runs(episodes: pl.DataFrame) -> pl.DataFrame:
             (GAIN / SCALE).first().alias("gain in training"),
             (pl.col("failed_step") / pl.col("test_horizon")).mean().alias("working share"),
             ((rate - pl.col("idle_rate")) / SCALE).mean().alias("score"),
+            work.mean().alias("work"),
             ((pl.col("speed") - pl.col("idle_rate")) / SCALE).drop_nans().mean().alias("speed"),  # while working
         )
-        .with_columns(least=LEAST_GAIN * pl.col("gain").filter(pl.col("method") == "ppo").mean().over("task"))
+        .with_columns(least=least_gain * pl.col("gain").filter(pl.col("method") == "ppo").mean().over("task"))
         .with_columns(
             pl.when(pl.col("gain") < pl.col("least")).then(0.0).otherwise("working share").alias("working share")
         )
@@ -113,16 +131,11 @@ def measure_runs(episodes: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def _values(part: pl.DataFrame, claim: Claim, method: str) -> FloatArray:
-    return part.filter(method=method)[claim.measure].to_numpy()
-
-
 def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl.DataFrame) -> dict[str, Any]:
     by_task = runs.group_by("task", "method").agg(pl.col("speed").mean())
     speeds = dict(by_task.group_by("method").agg(pl.col("speed").mean()).iter_rows())
     pairs, rng = list(sides.values()), np.random.default_rng(number)
-    drawn = sum(_resampled(left, rng) - _resampled(right, rng) for left, right in pairs) / len(pairs)
-    low, lower, high = np.quantile(drawn, (0.025, LEVEL, 0.975))
+    low, lower, high = np.quantile(resampled_difference(pairs, rng), (0.025, LEVEL, 0.975))
     return {
         "claim": number,
         **{name: getattr(claim, name) for name in ("left", "right", "condition", "measure")},
@@ -145,6 +158,11 @@ def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl
 def _resampled(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return means of bootstrap samples of training runs."""
     return np.asarray(values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1))
+
+
+def resampled_difference(pairs: list[Sides], rng: np.random.Generator) -> FloatArray:
+    """Return the difference in bootstrap samples of training runs within tasks."""
+    return np.asarray(sum(_resampled(left, rng) - _resampled(right, rng) for left, right in pairs) / len(pairs))
 
 
 def difference(pairs: list[Sides]) -> float:

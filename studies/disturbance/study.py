@@ -16,10 +16,11 @@ from perdure.policy import load_policy, save_policy
 from perdure.report.charts import save
 from perdure.runs import Store, Unit, Work, file_digest
 from perdure.runs.progress import total_share
-from studies.disturbance.claims import claims_table, speed_while_working
+from studies.disturbance.claims import claims_table, measure_runs, speed_while_working
 from studies.disturbance.cure import cure_table
 from studies.disturbance.grid import FIRST_START, GRIDS, STARTS, Condition, Subject, subjects
-from studies.disturbance.tables import all_tables, draw_figures, page_tables
+from studies.disturbance.sensitivity import threshold_table, work_table
+from studies.disturbance.tables import all_tables, draw_figures, method_table, page_tables
 from studies.files import include_tables, read_parquet_file, write_csv, write_parquet_file
 
 QUESTION = "Do policies that hold when calm hold under disturbances, and does the verdict foresee new ones?"
@@ -116,6 +117,9 @@ def analyze(scale: str, out: Path) -> list[Path]:
     fresh = read_parquet_file(out / FRESH) if (out / FRESH).is_file() else None
     if fresh is not None:
         tables["claims"] = claims_table(fresh)
+        tables["methods"] = method_table(measure_runs(fresh))
+        tables["thresholds"] = threshold_table(fresh)
+        tables["work"] = work_table(fresh)
         pilots = [cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh)] if (out / PILOTS).is_file() else []
         tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19"), *pilots], how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]

@@ -24,6 +24,14 @@ RESAMPLES = 2000
 DRAWN = ("ppo", "geometric", "ppo-average-reward", "ppo-undiscounted")
 DRAWN_UNDER = (CALM, NOISE)
 FRESH_DRAWN = ("ppo", "ppo-gamma-0.999", "geometric")
+SHARE = "working share"
+FRESH_MEASURES = {
+    "noise": (NOISE, SHARE),
+    "pushes": (PUSHES, SHARE),
+    "calm": (CALM, "score"),
+    "speed": (CALM, "gain in training"),
+}
+"""Of `method_table`: name to condition and measure."""
 MAIN = (pl.col("preset") == "cleanrl") | pl.col("task").str.starts_with("HalfCheetah")
 """Of the settings of a task the one that is shown."""
 
@@ -164,6 +172,20 @@ def fresh_shares(runs: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, names, orient="row")
 
 
+def method_table(runs: pl.DataFrame) -> pl.DataFrame:
+    """Return the working shares, score and speed of each task and method with 95 % intervals, from `measure_runs`."""
+    rows = []
+    for (task, method), part in sorted(runs.group_by("task", "method")):
+        row = {"task": task, "method": METHODS[str(method)], "runs": part["train_seed"].n_unique()}
+        for name, (condition, measure) in FRESH_MEASURES.items():
+            found = compare_with(part.filter(condition=condition)[measure], 0.0)
+            bounds = (0.0, 1.0) if measure == SHARE else (-np.inf, np.inf)
+            low, high = np.clip((found.lower, found.upper), *bounds)
+            row |= {name: found.estimate, f"{name} low": low, f"{name} high": high}
+        rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
 def _figure(
     name: str, title: str, shares: pl.DataFrame, methods: Sequence[str], conditions: Sequence[str], note: str
 ) -> Figure:
@@ -197,11 +219,11 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     )
     main = shown.with_columns(cell=pl.format("{}/{}{}", "runs that hold", "runs", fallen))
     main = main.pivot("method", index=("task", "condition"), values="cell")
-    foresight = tables["foresight"].filter(pl.col("threshold") == 0.75)
+    foresight = tables["foresight"].filter(pl.col("threshold") == 0.75, pl.col("verdict") != "both")
     names = ("AUC", "low", "high")
     cells = foresight.with_columns(
         cell=pl.format("{} [{}, {}]", *(pl.col(name).round(2).cast(pl.String) for name in names))
-    ).pivot("verdict", index=("new condition", "in standard-1", "runs that fail"), values="cell")
+    ).pivot("verdict", index=("new condition", "runs that fail"), values="cell")
     found = {"left": main, "foresight": cells}
     if "cure" in tables:
         rare = tables["cure"].filter(MAIN, pl.col("low") > 1, pl.col("speed against PPO") > 0.5, pl.col("runs") > 2)

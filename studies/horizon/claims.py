@@ -15,10 +15,12 @@ Anything else is undecided at this number of runs.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Self
+
+import numpy as np
 
 from perdure.stats import Difference, compare_paired, compare_unpaired, compare_with, mean_difference
 from studies.horizon.grid import MAIN_SETTINGS
@@ -95,3 +97,23 @@ def decide(claim: Claim, low: float, high: float) -> str:
         "not less": (low >= -MARGIN, high < -MARGIN),
     }[claim.direction]
     return "supported" if supported else "contradicted" if contradicted else "undecided"
+
+
+def p_value(claim: Claim, found: Difference) -> float:
+    """Return the two-sided p value of the bound that decides a claim, by Student's t; nan with too few runs."""
+    from scipy.special import stdtr
+
+    if not found.error > 0.0:
+        return float("nan")
+    bound = -MARGIN if claim.direction == "not less" else 0.0
+    return float(2.0 * stdtr(found.freedom, -abs(found.estimate - bound) / found.error))
+
+
+def holm(values: Sequence[float]) -> list[float]:
+    """Return p values corrected for their number [Holm, 1979, Scandinavian Journal of Statistics 6]."""
+    plain = np.asarray(values, np.float64)
+    order = np.argsort(plain)  # nan comes last
+    steps = (len(plain) - np.arange(len(plain))) * plain[order]
+    corrected = np.empty_like(plain)
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return [float(each) for each in corrected]

@@ -12,22 +12,24 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
-from perdure.stats import compare_paired, compare_with
-from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
+from perdure.stats import compare_paired
 from studies.disturbance.claims import CLAIMS as REGISTERED
-from studies.horizon.claims import Condition, decide, effect, read_claims
+from studies.disturbance.claims import NOISE
+from studies.horizon.claims import Condition, decide, effect, holm, p_value, read_claims
 from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, METHODS, SWEPT, Row
 from studies.horizon.results import TEST, VALIDATION, Results
 
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
 NOISY = "ppo-average-reward+action_noise-0.1"
-FRESH = ("ppo", "ppo-gamma-0.999", "geometric-discounted", "geometric", "ppo-average-reward", NOISY)
-SHARE = "working share"
+FRESH = ("ppo", "ppo-gamma-0.999", "geometric")
 FRESH_COLUMNS = {
-    **{"calm": (CALM, "score"), "noise": (NOISE, SHARE), "pushes": (PUSHES, SHARE)},
-    "speed": (CALM, "gain in training"),
+    "noise": "noise (share)",
+    "pushes": "pushes (share)",
+    "calm": "calm (score)",
+    "speed": "speed (score)",
 }
+SHOWN_THRESHOLDS = (0.0, 0.1, 0.25, 0.5, 0.75)
 DISTURBED = Path(__file__).parents[2] / "results" / "disturbance" / "tables"
 REGISTERED_TASKS = ("Hopper-v3@cleanrl", "Walker2d-v3@cleanrl", "HalfCheetah-v3")
 CLOCKS = {
@@ -57,9 +59,12 @@ def claim_table(results: Results) -> pl.DataFrame:
     for claim in read_claims():
         if (found := effect(claim, results.values)) is not None:
             numbers = {"effect": found.estimate, "lower": found.lower, "upper": found.upper}
+            numbers |= {"p": p_value(claim, found), "p, Holm": math.nan}
             tasks = {"tasks": ", ".join(claim.tasks), "right": str(claim.right)}
             decision = decide(claim, found.lower, found.upper)
             rows.append(vars(claim) | tasks | numbers | {"runs": found.count, "decision": decision})
+    for row, corrected in zip(rows, holm([row["p"] for row in rows]), strict=True):
+        row["p, Holm"] = corrected
     return pl.DataFrame(rows)
 
 
@@ -99,6 +104,7 @@ def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     rows = {
         "fresh": _fresh_rows(),
         "registered": _registered_rows(),
+        "thresholds": _threshold_rows(),
         "clocks": _clock_rows(results),
         "claims": _claim_rows(results),
     }
@@ -115,7 +121,8 @@ def _clock_rows(results: Results) -> Iterator[dict[str, str]]:
             there = reward.filter(pl.col("at").is_between(*span))
             ours, plain = (_mean(there.filter(method=method)["result"]) for method in ("geometric", "ppo"))
             row[name] = f"{ours:.2f} ({plain:.2f})"
-        yield {"task": setting_words(setting)} | row
+        states = set(results.episodes.filter(setting=setting, method="geometric")["policy_state"])
+        yield {"task": setting_words(setting) + ", never worked" * (states == {"never worked"})} | row
 
 
 def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
@@ -125,31 +132,47 @@ def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
 
 
 def _fresh_rows() -> Iterator[dict[str, str]]:
-    """Yield what ten fresh training runs of a method do on a task, for all that there are."""
-    runs = measure_runs(pl.read_parquet(DISTURBED.parent / "registered.parquet"))
-    tasks, there = (name.partition("@")[0] for name in REGISTERED_TASKS), set(runs["task", "method"].iter_rows())
-    for task, method in filter(there.__contains__, product(tasks, FRESH)):
-        row = {"task": task, "method": METHODS[method]}
-        for name, (condition, measure) in FRESH_COLUMNS.items():
-            values = runs.filter(task=task, method=method, condition=condition)[measure]
-            found, bounds = compare_with(values, 0.0), (0.0, 1.0) if measure == SHARE else (-math.inf, math.inf)
-            row[name] = _numbers(found.estimate, *np.clip((found.lower, found.upper), *bounds))
-        yield row
+    """Yield what ten fresh training runs of a method do on a task."""
+    table = pl.read_csv(DISTURBED / "methods.csv")
+    for setting, method in product(REGISTERED_TASKS, FRESH):
+        task = setting.partition("@")[0]
+        for each in table.filter(task=task, method=METHODS[method]).to_dicts():
+            cells = {
+                words: _numbers(each[name], each[f"{name} low"], each[f"{name} high"])
+                for name, words in FRESH_COLUMNS.items()
+            }
+            yield {"task": task, "method": METHODS[method]} | cells
 
 
 def _registered_rows() -> Iterator[dict[str, str]]:
     """Yield the registered claims, each over the tasks that have runs of both sides."""
     claims = pl.read_csv(DISTURBED / "claims.csv")
+    work = pl.read_csv(DISTURBED / "work.csv").filter(measure="work")
     for number, claim in enumerate(REGISTERED, 1):
         left, right = (METHODS[side].replace(" time-to-go", "") for side in (claim.left, claim.right))
         words = f"{f'{number}. ' if claim.registered else ''}{left} against {right}, {claim.condition}"
-        row = dict.fromkeys(("tasks", "left minus right", "speeds", "power"), "") | {"decision": "runs are missing"}
+        row = dict.fromkeys(("left minus right", "by work", "speeds", "power"), "") | {"decision": "runs are missing"}
         for each in claims.filter(claim=number).tail(1).to_dicts():
-            row |= {"tasks": each["task"].replace("-v3", ""), "decision": each["decision"] or row["decision"]}
+            row["decision"] = each["decision"] or row["decision"]
             row["left minus right"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
             row["speeds"] = f"{each['left speed']:.2f}, {each['right speed']:.2f}"
             row["power"] = f"{each['power']:.2f}" if each["power"] else ""
+        for each in work.filter(claim=number).tail(1).to_dicts():
+            row["by work"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
         yield {"claim": words} | row
+
+
+def _threshold_rows() -> Iterator[dict[str, str]]:
+    """Yield the difference to discounted PPO and to PPO with a discount of 0.999, by standing threshold."""
+    table = pl.read_csv(DISTURBED / "thresholds.csv").filter(
+        pl.col("threshold").is_in(SHOWN_THRESHOLDS), condition=NOISE
+    )
+    for (threshold,), part in table.group_by("threshold", maintain_order=True):
+        row = {"stands below": f"{threshold:g}"}
+        for method in ("ppo", "ppo-gamma-0.999"):
+            for each in part.filter(right=method).to_dicts():
+                row[f"against {METHODS[method]}"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
+        yield row
 
 
 def _numbers(estimate: float, lower: float, upper: float, form: str = ".2f") -> str:

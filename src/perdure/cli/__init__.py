@@ -89,7 +89,8 @@ def run(args: Sequence[str]) -> None:
         print(f"perdure {version('perdure')}")
     elif command in commands:
         # The commands' modules import much, so --help of the program does not import them.
-        import_module(f"perdure.cli.{'home' if home else 'commands'}").main(command, given[1:])
+        module = "home" if home else "train" if command == "train" else "commands"
+        import_module(f"perdure.cli.{module}").main(command, given[1:])
     else:
         from perdure.errors import did_you_mean
 

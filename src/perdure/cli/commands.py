@@ -1,12 +1,12 @@
-"""The commands that train, evaluate, convert and show policies, over the functions of the library."""
+"""The commands that evaluate, convert and show policies, over the functions of the library."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, redirect_stdout
+from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -14,12 +14,10 @@ from perdure.cli.parse import Cores, On, call
 from perdure.cli.show import methods, model_text, policies, policy_text, tasks
 from perdure.cli.subjects import is_function, load_function, policy_files
 from perdure.errors import PerdureError
-from perdure.horizon import usual_preset
 from perdure.report.charts import Format
 
 if TYPE_CHECKING:
     from perdure.horizon import Clock
-    from perdure.learn import PPOConfig
     from perdure.policy import PolicyLike
 
 PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A policy file, or the name of a shipped policy.")]
@@ -58,98 +56,7 @@ NOT_HOLDING = 3
 
 def main(name: str, args: list[str]) -> None:
     """Run a command of this module."""
-    if name != "train":
-        call(COMMANDS[name], args, name)
-        return
-    args = _task_first(args)
-    task = None if not args or args[0].startswith("-") else args[0]
-    if task is None and {"-h", "--help"}.isdisjoint(args):
-        raise PerdureError("train needs a task first, as in: perdure train Hopper-v3 --method geometric")
-    preset = _value(args, "--preset", usual_preset(task or ""))
-    call(train_command(task, _value(args, "--method", "geometric"), preset), args, name)
-
-
-def train_command(task: str | None, method: str = "geometric", preset: str | None = None) -> Callable[..., None]:
-    """Return the command ``train``; task, method and preset set the defaults of the learner's settings."""
-    from perdure.envs import task_spec
-    from perdure.learn import PPOConfig, method_config
-
-    config = PPOConfig()
-    if task is not None:
-        spec = task_spec(task)
-        config = method_config(method, task, spec.observation_size, preset, spec.default_horizon)
-
-    def train(
-        task: tyro.conf.Positional[str],
-        method: str = "geometric",
-        preset: str | None = None,
-        name: str | None = None,
-        disturb: tuple[str, ...] = (),
-        seeds: tuple[int, ...] = (0,),
-        out: Path = Path("runs"),
-        cores: Cores = None,
-        on: On = "local",
-        tensorboard: bool = False,
-        ppo: PPOConfig = config,
-    ) -> None:
-        """Train seeds of one task with one method. An interrupted command resumes when you run it again.
-
-        Args:
-            task: A task as `perdure list tasks` names it, such as Hopper-v3 or gymnasium:Hopper-v5. Comes first.
-            method: A method as `perdure list methods` names it.
-            preset: Hyperparameters: zoo (RL Baselines3 Zoo's, tuned for each task, as in the thesis) or cleanrl (one
-                set). By default cleanrl for Hopper and Walker2d, zoo otherwise: with zoo most Hoppers stand still.
-            name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
-            disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
-                push:0.5 (see `perdure extrapolate --help`); the run is kept in OUT/TASK/METHOD+standard-1.
-            seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
-            out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
-            tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
-            ppo: The learner's settings; the defaults are those of task and method.
-        """
-        from perdure.disturbances import parse_disturbances
-        from perdure.learn.run import TrainRun, on_report
-        from perdure.learn.run import tensorboard as curves
-        from perdure.learn.run import train as train_run
-        from perdure.runs.progress import show_progress
-
-        variant = "+".join((method, *sorted(disturb))).replace(":", "-") if parse_disturbances(disturb) else method
-        run = TrainRun(task, name or variant, ppo, seeds, preset=preset, base_method=method, disturb=disturb)
-        with ExitStack() as stack:
-            observers = [stack.enter_context(show_progress(f"{run.task} {run.method}", "steps"))]
-            if tensorboard:
-                folder = out / "tensorboard" / Path(run.key(0)).parent
-                observers.append(on_report(run, stack.enter_context(curves(folder))))
-
-            def observe(status: Any) -> None:
-                for observer in observers:
-                    observer(status)
-
-            paths = train_run(run, out, cores=cores, on=on, observe=observe)
-        print(*paths, sep="\n")
-
-    train.__annotations__["ppo"] = PPOConfig  # imported in here, where annotations are not looked up
-    return train
-
-
-def _task_first(args: list[str]) -> list[str]:
-    """Return the arguments with the task in front, wherever it was written."""
-    if not args or not args[0].startswith("-"):
-        return args
-    from perdure.envs import is_task
-
-    at = next((k for k, arg in enumerate(args) if not arg.startswith("-") and is_task(arg)), None)
-    return args if at is None else [args[at], *args[:at], *args[at + 1 :]]
-
-
-def _value(args: list[str], flag: str, default: str) -> str:
-    """Return the last value of a flag, before the whole line is parsed; a missing one is reported then."""
-    found = default
-    for arg, after in zip(args, [*args[1:], default], strict=True):
-        name, equals, value = arg.partition("=")
-        if name == flag:
-            found = value if equals else after
-    return found
+    call(COMMANDS[name], args, name)
 
 
 def extrapolate(

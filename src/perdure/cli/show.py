@@ -36,10 +36,16 @@ def tasks(suite: str | None = None) -> str:
 
 def methods() -> str:
     """Return the table of training methods."""
+    from perdure.learn import METHODS
     from perdure.learn import presets as module
+    from perdure.learn.algorithm import all_methods
 
     table = "".join((module.__doc__ or "").partition("| method |")[1:])
-    return "\n".join(line for line in table.splitlines() if line.startswith("|")).replace("``", "")
+    lines = [line.replace("``", "") for line in table.splitlines() if line.startswith("|")]
+    for name, kind in all_methods().items():
+        if name not in METHODS:
+            lines.append(f"{name}: {(kind.__doc__ or '').partition(chr(10))[0]}")
+    return "\n".join(lines)
 
 
 def policies() -> str:

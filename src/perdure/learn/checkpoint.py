@@ -10,7 +10,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,16 +20,6 @@ from numpy.typing import NDArray
 from perdure.errors import PerdureError
 from perdure.runs import write_atomic
 from perdure.schema import Count, Record, read_json
-
-
-class Metrics(NamedTuple):
-    """What one iteration reports for the learning curves."""
-
-    episodes: NDArray[np.float64]
-    """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
-    diagnostics: dict[str, float]
-    """The algorithm's own numbers, such as its losses."""
-
 
 FORMAT = "perdure.checkpoint"
 VERSION = "4"

@@ -5,21 +5,29 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast, get_args
 
 from perdure.errors import PerdureError
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.learn.advantages import make_estimator
+from perdure.learn.algorithm import Algorithm, Configuration
+
+if TYPE_CHECKING:
+    from perdure.envs import TaskSpec
+    from perdure.policy import Policy
 
 Activation = Literal["relu", "tanh"]
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
 OMITTED_DEFAULTS = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning")
 """Settings that stored runs and policy files name only where they differ from their default."""
+CONTINUED_LOG_STD = -1.0
+"""Largest log standard deviation with which training continues by default. At the usual start value of 0, noise as wide
+as the action range would make a trained robot fall within steps."""
 
 
 @dataclass(frozen=True)
-class PPOConfig:
+class PPOConfig(Configuration):
     """Settings of a training run, without task and seed. The defaults are those of Stable-Baselines3's ``PPO``.
 
     gamma is part of the protocol, because it belongs to the horizon.
@@ -27,6 +35,9 @@ class PPOConfig:
     Raises:
         PerdureError: If a value is out of its range or the rollout cannot be cut into whole minibatches.
     """
+
+    name: ClassVar[str] = "ppo"
+    presets: ClassVar[tuple[str, ...]] = ("zoo", "cleanrl")
 
     protocol: HorizonProtocol = field(
         default_factory=lambda: HorizonProtocol(None, Fixed(1000), "truncated", gamma=0.99, normalizer_gamma=0.99)
@@ -123,19 +134,41 @@ class PPOConfig:
         return self.n_envs * self.n_steps
 
     @property
-    def iterations(self) -> int:
-        """Return the rollouts in the whole run."""
-        return math.ceil(self.total_steps / self.rollout_size)
+    def iteration_steps(self) -> int:
+        """Return the environment steps of one iteration: one rollout."""
+        return self.rollout_size
 
-    @property
-    def segment_iterations(self) -> int:
-        """Return the rollouts between two checkpoints."""
-        return max(1, round(self.segment_steps / self.rollout_size))
+    @classmethod
+    def methods(cls) -> tuple[str, ...]:
+        """Return the methods of `perdure.learn.METHODS`."""
+        from perdure.learn.presets import METHODS
 
-    @property
-    def segments(self) -> int:
-        """Return the checkpoints in the whole run, the last one included."""
-        return math.ceil(self.iterations / self.segment_iterations)
+        return tuple(METHODS)
+
+    @classmethod
+    def of_method(cls, method: str, task: str, observation_size: int, preset: str | None, limit: int) -> Self:
+        """See `perdure.learn.method_config`."""
+        from perdure.learn.presets import method_config
+
+        return cast(Self, method_config(method, task, observation_size, preset, limit))
+
+    def make(self, spec: TaskSpec) -> Algorithm:
+        """Return the learner, `perdure.learn.ppo.PPO`."""
+        from perdure.learn.ppo import PPO
+
+        return PPO(self, spec)
+
+    def continued(self, policy: Policy) -> Self:
+        """Return settings that fit a policy: its layers and its activation, and less noise than at the start."""
+        layers = sum(name.startswith("policy.") and name.endswith(".weight") for name in policy.weights)
+        hidden = [policy.weights[f"policy.{layer}.bias"] for layer in range(layers - 1)]
+        return dataclasses.replace(
+            self,
+            hidden_sizes=tuple(len(bias) for bias in hidden),
+            activation=cast(Activation, policy.activation),  # another one is refused
+            log_std_init=min(self.log_std_init, CONTINUED_LOG_STD),
+            log_std_end=None,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the settings as plain JSON values, without those of `OMITTED_DEFAULTS` that have their default."""

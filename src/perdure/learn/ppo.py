@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import State, Transitions, make_estimator
-from perdure.learn.checkpoint import Metrics
+from perdure.learn.algorithm import Metrics
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
@@ -38,6 +38,7 @@ from perdure.learn.rollout import (
     start_env_state,
     update_moments,
 )
+from perdure.learn.start import continue_from
 from perdure.policy import Normalizer, Policy, TaskInfo
 
 if TYPE_CHECKING:
@@ -107,8 +108,13 @@ class PPO:
         self._prepare = compiled(prepare)
         self._epoch = compiled(epoch, donate_argnums=(0, 1))
 
-    def init(self, seed: int) -> PPOState:
-        """Return the state before training. The same seed gives the same weights."""
+    def init(self, seed: int, start: Policy | None = None) -> PPOState:
+        """Return the state before training. The same seed gives the same weights.
+
+        Args:
+            seed: The training seed.
+            start: Training continues this policy, see `perdure.learn.start`; None: new weights.
+        """
         config, spec = self._config, self._spec
         embedded = config.protocol.embedding_size
         normalized = spec.observation_size + (embedded if config.protocol.normalize_embedding else 0)
@@ -116,6 +122,9 @@ class PPO:
             key = stream(seed, WEIGHT_STREAM)
             params = init_params(key, spec.observation_size + embedded, spec.action_size, config)
             statistics = Statistics(start_moments(normalized), start_moments(1))
+            if start is not None:
+                params, seen = continue_from(start, params, config, spec)
+                statistics = statistics._replace(observations=seen)
             return PPOState(params, start_adam(params), statistics, make_estimator(config).start())
 
     def start(

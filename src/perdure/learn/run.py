@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,25 @@ from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError, lookup
+from perdure.errors import PerdureError
 from perdure.horizon import Embedding, usual_preset
-from perdure.learn.checkpoint import Metrics, RunState, load_checkpoint, save_checkpoint
-from perdure.learn.config import PPOConfig
-from perdure.learn.ppo import PPO
-from perdure.learn.presets import METHODS, ZOO, method_config
-from perdure.policy import Policy, measure_reference, save_policy
-from perdure.runs import Observer, Status, Store, Unit, Work, check_on, run_missing, versions, write_atomic
+from perdure.learn.algorithm import Algorithm, Configuration, algorithm_of, all_methods, usual_config
+from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
+from perdure.learn.presets import ZOO
+from perdure.learn.start import start_file, trained_steps
+from perdure.policy import Policy, find_policy, load_policy, measure_reference, save_policy
+from perdure.runs import (
+    Observer,
+    Status,
+    Store,
+    Unit,
+    Work,
+    check_on,
+    file_digest,
+    run_missing,
+    versions,
+    write_atomic,
+)
 from perdure.runs.progress import Lines, total_share
 from perdure.schema import parquet_bytes
 
@@ -45,29 +56,6 @@ CHECKPOINT = "checkpoint.safetensors"
 EPISODE_COLUMNS = ("step", "return", "length")
 RECENT_EPISODES = 20
 """Training episodes whose mean return is reported."""
-
-
-class Algorithm(Protocol):
-    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
-
-    @property
-    def diagnostics(self) -> tuple[str, ...]:
-        """Names of `Metrics.diagnostics`, in their order."""
-
-    def init(self, seed: int) -> Any:
-        """Return the state before training."""
-
-    def start(self, state: Any, slot: WorldSlot, observations: Any, *, seed: int, segment: int) -> tuple[Any, Any]:
-        """Begin a segment: return the state and the running environments, which were reset to `observations`."""
-
-    def iterate(self, state: Any, running: Any, *, seed: int, iteration: int) -> tuple[Any, Any, Metrics]:
-        """Learn for one iteration; return both after it. The memory of `state` may be reused."""
-
-    def observation_std(self, state: Any) -> NDArray[np.float64]:
-        """Return the spread of each observation component in training so far, shape (observation_size,)."""
-
-    def policy(self, state: Any) -> Policy:
-        """Return the policy learned so far, without provenance and reference."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +70,7 @@ class TrainRun:
     task: str
     method: str
     """Names the run's folder; the settings are all in ``config``."""
-    config: PPOConfig
+    config: Configuration
     seeds: tuple[int, ...] = (0,)
     """Trained side by side; each gives the same result as if trained alone."""
     command: str | None = None
@@ -96,18 +84,24 @@ class TrainRun:
     """Digest of the files that the task reads; "" for none."""
     disturb: tuple[str, ...] = ()
     """What disturbs every training episode, all at once, sorted, such as "push:0.5"; each episode has its own draws."""
+    start: Path | None = None
+    """Policy that training continues, or a folder with one for each seed, see `perdure.learn.start`; None: new
+    weights."""
 
     def __post_init__(self) -> None:
         disturbances = parse_disturbances(self.disturb)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
-        object.__setattr__(self, "preset", self.preset or usual_preset(self.task))
+        usual = usual_preset(self.task) if self.config.presets else ZOO
+        object.__setattr__(self, "preset", self.preset or usual)
         if self.base_method is not None:
-            lookup(METHODS, self.base_method, "method")
+            algorithm_of(self.base_method)
         if not self.seeds:
             raise PerdureError("a training run needs at least one seed")
         if min(self.seeds) < 0 or max(self.seeds) > MAX_SEED or len(set(self.seeds)) < len(self.seeds):
             raise PerdureError(f"seeds must be different numbers from 0 to {MAX_SEED:,}, got {list(self.seeds)}")
+        for seed in self.seeds:
+            self._start(seed)  # a missing file is reported before anything runs
 
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
@@ -121,17 +115,23 @@ class TrainRun:
         identity |= {"preset": self.preset} if self.preset != ZOO else {}
         identity |= {"disturb": list(self.disturb)} if self.disturb else {}
         identity |= {"inputs": self.inputs} if self.inputs else {}
+        if self.start is not None:
+            identity["from"] = file_digest(Path(self._start(seed) or ""))
         source = task_source_digest(self.task)
         return identity | ({"source": source} if source else {})
 
+    def _start(self, seed: int) -> str | None:
+        """Return the policy that a seed continues as an absolute path, which another process can open."""
+        return None if self.start is None else str(find_policy(start_file(self.start, seed)).resolve())
+
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""
-        steps = float(self.config.iterations * self.config.rollout_size)
+        steps = float(self.config.iterations * self.config.iteration_steps)
         return Unit(
             self.key(seed),
             self.identity(seed),
             "perdure.learn.run:train_segment",
-            {"run": self, "seed": seed},
+            {"run": self, "seed": seed, "start": self._start(seed)},
             size=steps,
             cores=self.config.n_envs,
         )
@@ -226,8 +226,14 @@ def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
         writer.close()
 
 
-def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
+def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = None) -> bool:
     """Train one seed for one more segment; the function of `TrainRun.unit`.
+
+    Args:
+        work: The unit's folder and threads.
+        run: The training run.
+        seed: The training seed.
+        start: File of the policy that it continues.
 
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
@@ -235,11 +241,12 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     import polars as pl
 
     segments = _segments(run.task, run.config, work.threads, run.disturb)
-    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.rollout_size
+    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.iteration_steps
     if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
         checkpoint.unlink(missing_ok=True)
         return True
-    state = segments.first(seed)
+    policy = None if start is None else load_policy(start)
+    state = segments.first(seed, policy)
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, state)
     if state.segment < run.config.segments:
@@ -250,7 +257,7 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
     for name, columns in (("episodes", EPISODE_COLUMNS), ("iterations", segments.columns)):  # no wall-clock times
         curve = pl.DataFrame(dict(zip(columns, getattr(state, name).T, strict=True)))
         write_atomic(work.folder / f"{name}.parquet", parquet_bytes(curve))
-    save_policy(export_policy(run, segments, state), work.folder / POLICY)
+    save_policy(export_policy(run, segments, state, start), work.folder / POLICY)
     checkpoint.unlink(missing_ok=True)
     return True
 
@@ -258,13 +265,13 @@ def train_segment(work: Work, *, run: TrainRun, seed: int) -> bool:
 class Segments:
     """Runs segments of one task and configuration; keeps compiled programs. Results do not depend on `threads`."""
 
-    def __init__(self, task: str, config: PPOConfig, threads: int, disturb: tuple[str, ...] = ()) -> None:
+    def __init__(self, task: str, config: Configuration, threads: int, disturb: tuple[str, ...] = ()) -> None:
         self.spec = task_spec(task)
         self._disturbances = parse_disturbances(disturb)
         self._task, self._config, self._threads = disturbed_task(task, self._disturbances), config, threads
         self.engine = task_spec(self._task).engine if disturb else self.spec.engine
         """Simulator of the training episodes, and its version."""
-        self.algorithm: Algorithm = PPO(config, self.spec)
+        self.algorithm: Algorithm = config.make(self.spec)
         self._slot = WorldSlot()
 
     @property
@@ -272,10 +279,11 @@ class Segments:
         """Columns of the curve with a row for each iteration."""
         return ("step", *self.algorithm.diagnostics)
 
-    def first(self, seed: int) -> RunState:
-        """Return the state of a seed's run before its first segment."""
-        rows = np.zeros((0, len(EPISODE_COLUMNS))), np.zeros((0, len(self.columns)))
-        return RunState(seed, 0, self.algorithm.init(seed), *rows)
+    def first(self, seed: int, start: Policy | None = None) -> RunState:
+        """Return the state of a seed's run before its first segment; `start`: the policy that it continues."""
+        episodes = np.zeros((0, len(EPISODE_COLUMNS)))
+        iterations = np.zeros((0, len(self.columns)))
+        return RunState(seed, 0, self.algorithm.init(seed, start), episodes, iterations)
 
     def run(self, state: RunState, progress: Callable[[int, float], None]) -> RunState:
         """Train a seed for its next segment. The memory of ``state``'s learner is reused.
@@ -304,7 +312,7 @@ class Segments:
                 learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
                 if self._slot.error is not None:
                     raise self._slot.error
-                step = (iteration + 1) * config.rollout_size
+                step = (iteration + 1) * config.iteration_steps
                 episodes.append(metrics.episodes)
                 iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
                 progress(step, _recent_return(episodes))
@@ -328,8 +336,15 @@ def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
     return float(last.mean()) if len(last) else math.nan
 
 
-def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
-    """Return the policy of the final weights, with its provenance, measured within its training horizon."""
+def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str | None = None) -> Policy:
+    """Return the policy of the final weights, with its provenance, measured within its training horizon.
+
+    Args:
+        run: The training run.
+        segments: Its task and algorithm.
+        state: After its last segment.
+        start: File of the policy that it continued.
+    """
     spec = segments.spec
     policy = dataclasses.replace(
         segments.algorithm.policy(state.learner),
@@ -342,9 +357,15 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState) -> Policy:
             "command": command(run, spec, state.seed),
             **({} if run.preset == ZOO else {"preset": run.preset}),
             **({"disturb": list(run.disturb)} if run.disturb else {}),
+            **({} if start is None else {"from": _continued(start)}),
         },
     )
     return dataclasses.replace(policy, reference=measure_reference(policy))
+
+
+def _continued(start: str) -> dict[str, Any]:
+    """Return what a policy file says of the policy that it continues: its digest, and the steps it was trained for."""
+    return {"sha256": file_digest(Path(start)), "steps": trained_steps(load_policy(start))}
 
 
 def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
@@ -352,15 +373,18 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     if run.command is not None:
         return run.command.replace("{seed}", str(seed))
     base = run.base_method or run.method
-    if base not in METHODS:
+    if base not in all_methods():
         return ""
     words = ["perdure", "train", run.task, "--method", base]
     words += [] if run.method == base else ["--name", run.method]
-    words += ["--preset", str(run.preset), "--seeds", str(seed)]
+    words += ["--preset", str(run.preset)] if run.config.presets else []
+    words += ["--seeds", str(seed)]
     words += ["--disturb", *run.disturb] if run.disturb else []
-    usual = method_config(base, run.task, spec.observation_size, run.preset, spec.default_horizon)
+    words += ["--from", str(run.start)] if run.start is not None else []
+    preset = run.preset if run.config.presets else None
+    usual = usual_config(base, run.task, spec.observation_size, preset, spec.default_horizon)
     try:
-        words += _overrides(run.config, usual, "--ppo")
+        words += _overrides(run.config, usual, f"--{run.config.name}")
     except LookupError:
         return ""
     return shlex.join(words)

@@ -154,7 +154,24 @@ def test_the_numbers_that_the_page_has_of_the_cure_are_in_its_table():
     alone = found("0 to 9", "Hopper", "average-reward PPO"), found("20 to 22", "Hopper", "ppo+action_noise-0.1")
     page = " ".join((RESULTS / "README.md").read_text(encoding="utf-8").split())
     assert (cured["reaches the goal"], walking["reaches the goal"]) == ("yes", "no")
-    assert f"{cured['ratio to PPO']:.0f} [{cured['low']:.0f}, {cured['high']:.0f}]" in page
+    fresh = pl.read_parquet(RESULTS / "registered.parquet").filter(task="Hopper-v3")
+    failing = (
+        fresh.group_by("method", "condition", "train_seed")
+        .agg(count=(pl.col("outcome") != "holds").sum())
+        .group_by("method", "condition")
+        .agg(hold=(pl.col("count") == 0).sum(), fail=(pl.col("count") == 5).sum())
+    )
+
+    def counted(method, condition):
+        return failing.filter(method=method, condition=condition).select("hold", "fail").row(0)
+
+    noisy = "ppo-average-reward+action_noise-0.1@cleanrl"
+    (held, failed), (pushed, _) = counted(noisy, "standard-1"), counted(noisy, "pushes of 0.5 m/s")
+    assert f"{held} of 10 runs of average-reward PPO trained under action noise hold" in page
+    assert (
+        f"under `standard-1` and {failed} fail in every episode; under pushes of 0.5 m/s {pushed} of 10 holds" in page
+    )
+    assert counted("ppo@cleanrl", "standard-1") == counted("ppo@cleanrl", "pushes of 0.5 m/s") == (0, 10)
     assert f"{cured['speed against PPO']:.2f}" in page
     assert f"{walking['ratio to PPO']:.1f} [{walking['low']:.1f}, {walking['high']:.1f}]" in page
     assert all(f"{each['ratio to PPO']:.1f} times" in page for each in alone)

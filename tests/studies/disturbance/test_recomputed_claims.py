@@ -1,16 +1,17 @@
-"""Two numbers of each registered claim, recomputed by the text of results/horizon/registered.md.
+"""The registered claims by the text of results/horizon/registered.md, also by work and by standing threshold.
 
 Nothing of perdure or of the studies is imported. Run it as a script to see the numbers beside the committed ones.
 """
 
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 from math import comb, sqrt
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from scipy import stats
 
 RESULTS = Path(__file__).parents[3] / "results" / "disturbance"
 PRESETS = {"Hopper-v3": "@cleanrl", "Walker2d-v3": "@cleanrl", "HalfCheetah-v3": ""}
@@ -56,15 +57,19 @@ def working_share(run, least):
     return float(np.mean(shares))
 
 
-def values(task, method, condition, measure):
+def values(task, method, condition, measure, threshold=0.25):
     """A number for each training run."""
     runs = episodes(task, method, condition)
     if measure == "working share":
-        least = 0.25 * np.mean([gain(run) for run in episodes(task, "ppo", condition)])
+        least = threshold * np.mean([gain(run) for run in episodes(task, "ppo", condition)])
         return np.array([working_share(run, least) for run in runs])
     published = [run["published_rate"][0] - run["idle_rate"][0] for run in runs]
     if measure == "gain in training":
         return np.array([gain(run) for run in runs]) / published
+    if measure == "work":
+        idle = [run["idle_rate"] * run["end_step"] for run in runs]
+        steps = STEPS[condition]
+        return np.array([(run["return"] - by).mean() / steps for run, by in zip(runs, idle, strict=True)]) / published
     rates = [(run["return"] / run["test_horizon"]).mean() - run["idle_rate"][0] for run in runs]
     return np.array(rates) / published
 
@@ -120,10 +125,53 @@ def test_the_table_of_the_claims(row):
         assert second == pytest.approx(row["p"], abs=4 * sqrt(row["p"] / 20_000) + 1e-4)
 
 
-def interval(pairs):
+@pytest.mark.parametrize("name", ["thresholds", "work"])
+def test_the_tables_of_thresholds_and_of_work(name):
+    rows = pl.read_csv(RESULTS / "tables" / f"{name}.csv").to_dicts()
+    assert {row["claim"] for row in rows} == {1, 2, 3, 6}
+    for row in rows:
+        left, right, condition, _ = CLAIMS[row["claim"]]
+        sides = [(task, row["measure"], row.get("threshold", 0.25)) for task in row["task"].split(", ")]
+        pairs = [
+            [values(task, method, condition, measure, threshold) for method in (left, right)]
+            for task, measure, threshold in sides
+        ]
+        assert np.mean([a.mean() - b.mean() for a, b in pairs]) == pytest.approx(row["effect"], abs=1e-5)
+        assert interval(pairs, 10_000) == pytest.approx([row["low"], row["high"]], abs=0.02)
+
+
+def test_the_table_of_methods():
+    words = {"discounted PPO": "ppo", "geometric time-to-go": "geometric", "PPO, discount 0.999": "ppo-gamma-0.999"}
+    columns = {"noise": 1, "pushes": 2, "calm": 5, "speed": 4}
+    rows = pl.read_csv(RESULTS / "tables" / "methods.csv").filter(pl.col("method").is_in(list(words))).to_dicts()
+    assert len(rows) == 9
+    for row, (name, claim) in product(rows, columns.items()):
+        found = values(row["task"], words[row["method"]], *CLAIMS[claim][2:])
+        assert found.mean() == pytest.approx(row[name], rel=1e-5)
+        half = stats.t.ppf(0.975, len(found) - 1) * found.std(ddof=1) / sqrt(len(found))
+        low, high = found.mean() - half, found.mean() + half
+        if claim in (1, 2):
+            low, high = max(low, 0.0), min(high, 1.0)
+        assert (low, high) == pytest.approx((row[f"{name} low"], row[f"{name} high"]), rel=1e-4, abs=1e-5)
+
+
+def test_what_the_horizon_page_says_of_work_and_of_thresholds():
+    work = pl.read_csv(RESULTS / "tables" / "work.csv").filter(pl.col("task").str.contains(","), measure="work")
+    bounds = {claim: (low, high) for claim, low, high in work.select("claim", "low", "high").iter_rows()}
+    assert bounds[1][0] > 0.0
+    assert bounds[3][0] > 0.0
+    assert bounds[2][0] < 0.0 < bounds[2][1]
+    thresholds = pl.read_csv(RESULTS / "tables" / "thresholds.csv")
+    against_ppo = thresholds.filter(claim=1)
+    assert against_ppo.filter(pl.col("low") > 0.0)["threshold"].max() == 0.6
+    simple = thresholds.filter(claim=6).sort("threshold")
+    assert simple["high"][0] < 0.0 < simple["effect"][1]
+
+
+def interval(pairs, draws=DRAWS // 10):
     """A 95 % bootstrap interval over training runs within tasks."""
     rng = np.random.default_rng(2026)
-    drawn = [[x[rng.integers(len(x), size=(DRAWS // 10, len(x)))].mean(axis=1) for x in pair] for pair in pairs]
+    drawn = [[x[rng.integers(len(x), size=(draws, len(x)))].mean(axis=1) for x in pair] for pair in pairs]
     return np.quantile(np.mean([a - b for a, b in drawn], axis=0), (0.025, 0.975))
 
 

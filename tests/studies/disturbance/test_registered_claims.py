@@ -41,6 +41,7 @@ def fresh_runs(life, geometric_gain=1.0):
                 "condition": condition,
                 "test_horizon": 1000,
                 "failed_step": 1000 * share,
+                "end_step": 1000,
                 "idle_rate": 0.0,
                 "training_rate": geometric_gain if method == "geometric" else 1.0,
                 "published_rate": 2.0,

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import pytest
 from known_results import make_results
+from scipy import stats
 
 from perdure.stats import compare_unpaired
-from studies.horizon.claims import Claim, Condition, decide, effect, read_claims
+from studies.horizon.claims import Claim, Condition, decide, effect, holm, p_value, read_claims
 from studies.horizon.grid import GRIDS
 from studies.horizon.results import MEASURED
 
@@ -40,6 +41,24 @@ def test_decisions(direction, low, high, expected):
 def test_the_effect_on_one_task_is_welch_s():
     found, known = effect(CLAIM, values_of(FAR)), compare_unpaired(list(FAR.values()), list(PPO.values()))
     assert (found.estimate, found.lower, found.upper) == pytest.approx((99.0, known.lower, known.upper))
+
+
+@pytest.mark.parametrize(("direction", "shift"), [("greater", 0.0), ("less", 0.0), ("not less", 0.1)])
+def test_the_p_value_is_that_of_welch_s_test_of_the_bound(direction, shift):
+    claim = replace(CLAIM, direction=direction)
+    left = {seed: value - 100.0 for seed, value in FAR.items()}
+    found = effect(claim, values_of(left))
+    known = stats.ttest_ind([value + shift for value in left.values()], list(PPO.values()), equal_var=False)
+    assert p_value(claim, found) == pytest.approx(known.pvalue)
+
+
+def test_no_p_value_without_an_error():
+    assert math.isnan(p_value(CLAIM, compare_unpaired([1.0], [2.0])))
+
+
+def test_holm_s_correction_is_that_of_r():
+    """p.adjust(c(0.01, 0.04, 0.03, 0.005, 0.9), "holm")"""
+    assert holm([0.01, 0.04, 0.03, 0.005, 0.9]) == pytest.approx([0.04, 0.09, 0.09, 0.025, 0.9])
 
 
 def test_clocks_of_the_same_runs_are_paired():
