@@ -192,7 +192,7 @@ def measure(episodes: pl.DataFrame) -> pl.DataFrame:
     """
 
     def judged(found: pl.Expr) -> pl.Expr:
-        return pl.when(CannotTell.name != VERDICT).then(found.cast(pl.Float64))
+        return pl.when(VERDICT.ne(CannotTell.name)).then(found.cast(pl.Float64))
 
     horizon, idle = pl.col("test_horizon"), pl.col("idle_rate")
     never = pl.col("policy_state") == NeverWorked.name
