@@ -278,10 +278,8 @@ def recorded_steps(steps: int) -> NDArray[np.int64]:
     return np.unique(np.concatenate([log, window_steps(steps), [steps]])).astype(np.int64)
 
 
-EVERY = 10
-"""Steps between two measurements, as events last much longer."""
-SPAN = 10
-"""Measurements until movement has a new origin."""
+EVERY, SPAN = 10, 10
+"""Steps between two measurements, as events last much longer; measurements until movement has a new origin."""
 MARGIN = 0.5
 """A component has left its training range if it is outside by more than this share of the range."""
 
@@ -294,22 +292,16 @@ class MovementRecorder:
     """
 
     def __init__(self, policies: list[PolicyLike], steps: int) -> None:
-        episodes = len(policies)
-        size = policies[0].task.observation_size
+        episodes, size = len(policies), policies[0].task.observation_size
         std = np.stack([policy.observation_std for policy in policies])
         self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
-        self._low = np.full((episodes, size), -np.inf)
-        self._high = np.full((episodes, size), np.inf)
+        self._low, self._high = np.full((episodes, size), -np.inf), np.full((episodes, size), np.inf)
         for episode, policy in enumerate(policies):
             if policy.reference is not None:
-                low = policy.reference.observation_low
-                high = policy.reference.observation_high
-                self._low[episode] = low - MARGIN * (high - low)
-                self._high[episode] = high + MARGIN * (high - low)
-        self._tenth = max(1, steps // 10)
-        self._last_start = steps - max(1, steps // 10)
-        self._sums = np.zeros((2, episodes))
-        self._counts = np.zeros((2, episodes))
+                low, high = policy.reference.observation_low, policy.reference.observation_high
+                self._low[episode], self._high[episode] = low - MARGIN * (high - low), high + MARGIN * (high - low)
+        self._tenth, self._last_start = max(1, steps // 10), steps - max(1, steps // 10)
+        self._sums, self._counts = np.zeros((2, episodes)), np.zeros((2, episodes))
         self._origin = np.zeros((episodes, size))
         self.left_step = np.zeros(episodes, np.int64)
         """Step at which a component was first seen outside; 0: never."""
@@ -319,8 +311,7 @@ class MovementRecorder:
         """Record the episodes of this step, if it is a recording step."""
         if step % EVERY:
             return
-        episodes = loop_step.episodes
-        after = loop_step.step.observations
+        episodes, after = loop_step.episodes, loop_step.step.observations
         part = 0 if step <= self._tenth else 1 if step > self._last_start else None
         with np.errstate(invalid="ignore", over="ignore"):
             if part is not None:
@@ -346,15 +337,13 @@ class GoalRecorder:
     """First success, longest stay at the goal and success at the last step: `found`, see `EpisodeRecords.goals`."""
 
     def __init__(self, episodes: int) -> None:
-        self.found = np.full((3, episodes), np.nan)
-        self._stay = np.zeros(episodes)
+        self.found, self._stay = np.full((3, episodes), np.nan), np.zeros(episodes)
 
     def take(self, episodes: NDArray[np.int64], successes: FloatArray | None, step: int) -> None:
         """Record a step of these episodes, see `Step.successes`. A step that does not say is no success."""
         first, longest, _ = self.found[:, episodes]
         said = np.full(len(episodes), np.nan) if successes is None else successes
-        known = ~np.isnan(said) | ~np.isnan(first)
-        now = said == 1.0
+        known, now = ~np.isnan(said) | ~np.isnan(first), said == 1.0
         self._stay[episodes] = stay = np.where(now, self._stay[episodes] + 1.0, 0.0)
         found = [np.fmin(first, np.where(now, step, np.inf)), np.fmax(longest, stay), now]
         self.found[:, episodes] = np.where(known, found, np.nan)
@@ -411,8 +400,7 @@ def evaluate_episodes(
     """
     if not episodes:
         raise PerdureError("there is no episode to evaluate: give at least one EpisodeSpec")
-    steps = whole("steps", episodes[0].steps, 1)
-    disturbances = episodes[0].disturbances
+    steps, disturbances = whole("steps", episodes[0].steps, 1), episodes[0].disturbances
     for episode in episodes:
         if not 0 <= episode.policy < len(policies):
             raise PerdureError(
@@ -464,8 +452,7 @@ class _Recorder:
         self._next = 0
         self._returns = np.zeros((n, len(self._steps)))
         self._total = np.zeros(n)
-        self._end_step = np.full(n, steps)
-        self._reason = np.full(n, SURVIVED)
+        self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
         self._divergence = DivergenceDetector(
             loop.observations, np.stack([each.policy.observation_std for each in acting]), hides_divergence
         )
@@ -475,8 +462,7 @@ class _Recorder:
     def take(self, step: int) -> None:
         """Advance the loop to step ``step`` and record the results."""
         loop_step = self._loop.advance()
-        episodes = loop_step.episodes
-        result = loop_step.step
+        episodes, result = loop_step.episodes, loop_step.step
         rewards = result.rewards
         diverged = self._divergence.diverged(loop_step)
         if diverged.any():
@@ -512,8 +498,7 @@ class _Recorder:
     def _detail(self, episode: int) -> str:
         parts = [self._divergence.signs[episode]] if self._reason[episode] == DIVERGED else []
         if step := int(self._movement.left_step[episode]):
-            component = self._movement.left_component[episode]
-            names = self._loop.world.spec.observation_names
+            component, names = self._movement.left_component[episode], self._loop.world.spec.observation_names
             name = f"observation[{component}]" + (f" ({names[component]})" if names else "")
             parts.append(f"{name} left its training range at step {step:,}")
         return "; ".join(parts)
