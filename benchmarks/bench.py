@@ -35,7 +35,8 @@ PEER_PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
 ROBOTICS_PYTHON = HERE.parent / ".venv-bench-robotics" / "bin" / "python"
 LATEST = HERE / "latest.json"
 ROUNDS = 2
-README, PAGE = HERE.parent / "README.md", HERE.parent / "docs" / "reference" / "speed.md"
+README = HERE.parent / "README.md"
+PAGE = HERE.parent / "docs" / "reference" / "speed.md"
 SUMMARY = (
     (
         "training one seed, one core (Hopper, HalfCheetah, Ant)",

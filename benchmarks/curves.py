@@ -39,7 +39,9 @@ NAMES = {"perdure": "perdure", "sb3": "Stable-Baselines3"}
 def keep(task: str, side: str, seed: int, steps: Any, returns: Any) -> None:
     """Add a run: the mean return of the episodes that ended in each of BINS equal parts."""
     which = np.minimum(np.asarray(steps) * BINS // PLANS[task][2], BINS - 1)
-    curve = [float(np.mean(returns[which == k])) if (which == k).any() else None for k in range(BINS)]
+    curve: list[float | None] = [None] * BINS  # None: no episode ended there
+    for k in np.unique(which):
+        curve[k] = float(np.mean(returns[which == k]))
     runs = json.loads(RUNS.read_text())
     runs.setdefault(task, {}).setdefault(side, {})[str(seed)] = curve
     write_atomic(RUNS, json.dumps(runs, indent=1) + "\n")
@@ -78,7 +80,8 @@ def compare() -> None:
             Curve(f"{NAMES[side]} (n = {len(each)})", steps, np.nanmean(each, axis=0), charts.style(k), members=each)
             for k, (side, each) in enumerate(sides.items())
         ]
-        x, y = Axis("environment steps"), Axis("mean training return of an episode")
+        x = Axis("environment steps")
+        y = Axis("mean training return of an episode")
         panels.append(curve_chart(shown, x, y, width=charts.WIDE // len(PLANS)) | {"title": task})
     title = "Learning curves of PPO with the same settings in perdure and in Stable-Baselines3"
     note = "Thick: mean of n training seeds. Thin: each seed."

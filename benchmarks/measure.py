@@ -52,9 +52,12 @@ class Recording:
     """A world that records the actions of every step."""
 
     def __init__(self, world: Any) -> None:
-        self._world, self.log = world, list[tuple[np.ndarray, np.ndarray]]()
-        self.spec, self.num_lanes = world.spec, world.num_lanes
-        self.reset, self.close = world.reset, world.close
+        self._world = world
+        self.log: list[tuple[np.ndarray, np.ndarray]] = []
+        self.spec = world.spec
+        self.num_lanes = world.num_lanes
+        self.reset = world.reset
+        self.close = world.close
 
     def step(self, actions: np.ndarray, lanes: np.ndarray) -> Any:
         self.log.append((actions, lanes.astype(np.int32)))
@@ -65,7 +68,9 @@ def engine_seconds(task: str, seeds: list[int], steps: Sequence[tuple[np.ndarray
     """Seconds that EnvPool alone takes for actions of lanes. Its Python wrapper is left out: its fastest form."""
     import envpool
 
-    limits = {"max_episode_steps": 10**9} if len(seeds) > 1 else {}
+    limits = {}
+    if len(seeds) > 1:
+        limits["max_episode_steps"] = 10**9
     pool = envpool.make(task, env_type="gymnasium", num_envs=len(seeds), num_threads=1, seed=seeds, **limits)
     pool.reset()
     began = time.perf_counter()
@@ -89,7 +94,8 @@ def evaluate(task: str, lanes: int, steps: int) -> dict[str, float]:
     evaluate_episodes([policy], specs, world=recording)
     recording.close()
     made = sum(len(ids) for _, ids in recording.log)
-    ours, engine = [], []
+    ours = []
+    engine = []
     for _ in range(REPEATS):
         world = make_world(task, seeds)  # before the clock runs, as the engine's
         began = time.perf_counter()
@@ -130,7 +136,8 @@ def floors(task: str, steps: int = 5000) -> dict[str, float]:
 
     spec = task_spec(task)
     config = method_config("ppo", task, spec.observation_size, "zoo")
-    actions, lane = np.random.default_rng(0).uniform(-1, 1, (steps, 1, spec.action_size)), np.zeros(1, np.int32)
+    actions = np.random.default_rng(0).uniform(-1, 1, (steps, 1, spec.action_size))
+    lane = np.zeros(1, np.int32)
     engine = engine_seconds(task, [0], [(action, lane) for action in actions]) / steps
     return {"engine": engine, "products": products(config, spec.observation_size, spec.action_size)}
 
@@ -141,7 +148,8 @@ class Engine:
     def __init__(self) -> None:
         import mujoco
 
-        self.spent, self._step = 0.0, mujoco.mj_step
+        self.spent = 0.0
+        self._step = mujoco.mj_step
         mujoco.mj_step = self
 
     def __call__(self, *args: Any) -> None:
@@ -161,10 +169,13 @@ def place(steps: int = 200) -> dict[str, float]:
     )
     policy = choose_policies("set_table", 0)["place"].policy
     assert policy is not None
-    actions, engine, runs = list[np.ndarray](), Engine(), []
+    actions: list[np.ndarray] = []
+    engine = Engine()
+    runs = []
     for turn in range(REPEATS):
         observations, _ = env.reset(seed=0)
-        spent, engine.spent = 0.0, 0.0
+        spent = 0.0
+        engine.spent = 0.0
         for k in range(steps):
             if turn == 0:
                 actions.append(np.asarray(policy.act(observations, np.zeros(env.num_envs)), dtype=np.float64))
@@ -191,7 +202,8 @@ def tasks() -> dict[str, float]:
         began = time.perf_counter()
         paths = run_protocol(EvaluationProtocol("set_table"), out, on="local", cores=len(os.sched_getaffinity(0)))
         spent = time.perf_counter() - began
-        return {"control_steps_per_second": sum(log.length for path in paths for log in read_logs(path)) / spent}
+        steps = sum(sum(log.length for log in read_logs(path)) for path in paths)
+        return {"control_steps_per_second": steps / spent}
 
 
 def home(what: str) -> dict[str, float]:
@@ -208,7 +220,8 @@ def robot(contract: str, steps: int = 2000) -> dict[str, float]:
 
     from perdure.robots.world import VelocityCommandEnv
 
-    env, rates = VelocityCommandEnv(contract), dict[str, list[float]](ours=[], engine=[])
+    env = VelocityCommandEnv(contract)
+    rates: dict[str, list[float]] = {"ours": [], "engine": []}
     actions = 0.3 * np.random.default_rng(0).standard_normal((steps, env.model.nu))
     controls = env.contract.values("default_pose") + env.contract.values("action_scale") * actions
     for name in [*rates] * REPEATS:
@@ -228,4 +241,5 @@ MEASUREMENTS: dict[str, Any] = {each.__name__: each for each in (robot, train, e
 
 if __name__ == "__main__":
     kind, *words = sys.argv[1:]
-    print(json.dumps(MEASUREMENTS[kind](*(int(word) if word.isdigit() else word for word in words))))
+    arguments = [int(word) if word.isdigit() else word for word in words]
+    print(json.dumps(MEASUREMENTS[kind](*arguments)))

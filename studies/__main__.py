@@ -67,17 +67,21 @@ def run(flags: StudyFlags) -> None:
     if flags.collect is not None:
         if flags.name != "horizon":
             raise PerdureError("--collect belongs to the study horizon")
-        if not (collected := study.collect(flags.collect, out)):
+        collected = study.collect(flags.collect, out)
+        if not collected:
             raise PerdureError(f"there is no finished training run in {flags.collect}")
         print(f"{len(collected)} tables and policies written")
     elif not flags.analyze_only:
         check_on(flags.on)
-        if unknown := sorted({*(flags.phases or ())} - {*study.PHASES}):
+        phases = flags.phases or tuple(study.PHASES)
+        unknown = sorted(set(phases) - set(study.PHASES))
+        if unknown:
             raise PerdureError(f"study {flags.name} has no phase {unknown[0]}; its phases are {[*study.PHASES]}")
-        units = study.plan(flags.scale, flags.phases or study.PHASES, store)
+        units = study.plan(flags.scale, phases, store)
         if flags.status:
-            kept = store.is_dir() or not out.is_dir()
-            text = status_text(units, store) if kept else "  finished: its tables are kept, its units are not"
+            text = "  finished: its tables are kept, its units are not"
+            if store.is_dir() or not out.is_dir():
+                text = status_text(units, store)
             print(f"study {flags.name}, scale {flags.scale}, in {out}\n{text}")
             return
         print(f"study {flags.name}: {study.QUESTION}\nscale {flags.scale}, in {out}", flush=True)
@@ -91,7 +95,8 @@ def run(flags: StudyFlags) -> None:
 
 def status_text(units: Sequence[Unit], folder: Path) -> str:
     """Return how many units are finished, and the share of the work, by what they run."""
-    store, lines = Store(folder), list[str]()
+    store = Store(folder)
+    lines = []
     for function in dict.fromkeys(unit.function for unit in units):
         mine = [unit for unit in units if unit.function == function]
         status = {unit.key: read_unit_progress(store, unit) for unit in mine}

@@ -165,43 +165,6 @@ def test_the_known_arrows_are_seen(imports):
     assert ("report", "runs", "write_atomic") in {(found.source, found.target, found.name) for found in imports}
 
 
-PLANTED = {
-    "a statement": ("envs", "from perdure.home import HomeTask"),
-    "a whole package": ("horizon", "import perdure.envs"),
-    "through the top": ("horizon", "from perdure import envs"),
-    "a module of a package": ("policy", "import perdure.learn.ppo as update"),
-    "relative": ("envs", "from ..learn import train"),
-    "inside a function": ("horizon", "def late():\n    from perdure.policy import Policy"),
-    "for types": (
-        "envs",
-        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from perdure.learn import PPOConfig",
-    ),
-    "by its name": ("runs", "from importlib import import_module\nimport_module('perdure.report')"),
-    "more than a name": ("report", "from perdure.runs import Store"),
-    "sideways": ("home", "from perdure.evaluate import extrapolate"),
-}
-
-
-@pytest.mark.parametrize(("part", "source"), PLANTED.values(), ids=PLANTED)
-def test_a_planted_wrong_import_is_found(tmp_path, part, source):
-    folder = tmp_path / part
-    folder.mkdir()
-    (folder / "planted.py").write_text(source + "\n")
-    found = forbidden(imports_of(tmp_path))
-    assert len(found) == 1
-    assert found[0].startswith(f"{part}/planted.py:")
-
-
-def test_a_planted_right_import_is_not_found(tmp_path):
-    (tmp_path / "learn").mkdir()
-    (tmp_path / "learn" / "planted.py").write_text(
-        "from perdure.policy import Policy\nfrom perdure.learn.ppo import loss\n"
-    )
-    (found,) = imports_of(tmp_path)
-    assert (found.source, found.target, found.name) == ("learn", "policy", "Policy")
-    assert forbidden([found]) == []
-
-
 def upward(imports):
     """Imports inside `perdure.home` that do not go down from room to room, as sentences."""
     floors = (*ROOMS, *SCREENS)
@@ -225,22 +188,6 @@ def test_every_folder_of_home_with_code_is_a_room():
     assert folders == set(ROOMS)
 
 
-@pytest.mark.parametrize(
-    ("room", "source"),
-    [
-        ("sim", "from perdure.home.tasks.tasks import AT"),
-        ("skills", "def late():\n    from perdure.home.agents import Learned"),
-        ("tasks", "from ..evaluate import outcomes"),
-        ("agents", "import perdure.home.film"),
-    ],
-)
-def test_a_planted_import_that_goes_up_is_found(tmp_path, room, source):
-    (tmp_path / room).mkdir()
-    (tmp_path / room / "planted.py").write_text(source + "\n")
-    (sentence,) = upward(imports_of(tmp_path, HOME))
-    assert sentence.startswith(f"{room}/planted.py:")
-
-
 def circles(root, package):
     """Parts of a package that import each other in a circle."""
     below = {}
@@ -255,10 +202,3 @@ def circles(root, package):
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_two_parts_of_a_room_import_each_other(room):
     assert circles(ROOT / "home" / room, f"{HOME}.{room}") == set()
-
-
-def test_a_planted_circle_is_found(tmp_path):
-    for one, other in (("objects", "robot"), ("robot", "objects")):
-        (tmp_path / one).mkdir()
-        (tmp_path / one / "planted.py").write_text(f"from perdure.home.sim.{other} import thing\n")
-    assert circles(tmp_path, "perdure.home.sim") == {"objects", "robot"}

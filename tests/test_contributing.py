@@ -9,16 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from perdure.disturbances import Effect
 from perdure.home.agents.release import HandOver, Stop
 from perdure.horizon import Clock, Constant, Linear, parse_clock
 from perdure.learn import presets
+from tests.envs.test_disturbances import echoed
 
 TEXT = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text()
 
 
 @pytest.fixture(autouse=True)
 def forget():
-    """Clocks and embeddings are registered as long as they exist."""
+    """Clocks, embeddings and disturbances are registered as long as they exist."""
     yield
     gc.collect()
 
@@ -47,6 +49,11 @@ def test_the_clock():
 def test_the_embedding():
     phi = added("An embedding", Linear)()(np.array([0.0, 9.0, 5.0]), np.array([9.0, 9.0, np.inf]))
     assert phi.tolist() == [[0.1], [1.0], [0.0]]
+
+
+def test_the_disturbance():
+    added("A disturbance", Effect)
+    assert echoed("action_bias:0.1", steps=2)[:, 0].tolist() == [[0.1, 2.2]] * 2  # half ranges 1 and 2
 
 
 def test_the_method(monkeypatch):

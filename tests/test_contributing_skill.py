@@ -15,7 +15,7 @@ from perdure.home.agents.learned import Learned, Predicting, Scripted
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.policies import choose_policies
 from perdure.home.sim.arrays import BoolArray, FloatArray
-from perdure.home.sim.robot import REST_POSITION
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.environment import env_id, register
@@ -32,7 +32,7 @@ ELBOW_FLEX = 5
 
 def missing_height(state: PrivilegedState) -> FloatArray:
     """Return how far the gripper point is below 0.2 m above its rest position in [m]. Shape (n,)."""
-    return np.maximum(REST_POSITION[2] + 0.2 - state.gripper_in_base[:, 2], 0.0)
+    return np.maximum(ROBOT.rest_position[2] + 0.2 - state.gripper_in_base[:, 2], 0.0)
 
 
 @dataclass(frozen=True)

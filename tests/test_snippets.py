@@ -140,33 +140,3 @@ def test_quick_blocks_run(name, folder):
 def test_long_blocks_run(name, folder):
     if left_out := session(PAGES[name], folder, {"run", "verify"}):
         pytest.skip("; ".join(left_out))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "```python\n1 / 0\n```\n",
-        "<!-- test: run -->\n```\nperdure list\n```\n",
-        "<!-- test: skip -->\n```sh\nrm x\n```\n",
-        "<!-- test: elsewhere; tests/test_nothing.py -->\n```python\nx\n```\n",
-        "<!-- test: run; --steps 9 => --steps 1 -->\n```sh\nperdure list\n```\n",
-    ],
-)
-def test_a_planted_fault_is_found(text):
-    (block,) = blocks(text, "page.md")
-    assert len(list(faults(block))) == 1
-
-
-def test_a_page_runs_in_order_with_its_replacements_and_a_failing_block_fails(folder):
-    text = (
-        "<!-- test: file helper.py -->\n```python\nvalue = 41\n```\n"
-        "<!-- test: run; + 2 => + 1 -->\n```python\nfrom helper import value\nresult = value + 2\n```\n"
-        "<!-- test: run -->\n```python\nopen('result', 'w').write(str(result))\n```\n"
-        "<!-- test: run -->\n```sh\ncp result copy\n```\n"
-        "<!-- test: verify -->\n```sh\nfalse\ntrue\n```\n"
-    )
-    page = list(blocks(text, "page.md"))
-    session(page, folder, {"run"})
-    assert (folder / "copy").read_text() == "42"
-    with pytest.raises(AssertionError, match=r"page\.md"):
-        session(page, folder, {"run", "verify"})

@@ -79,7 +79,9 @@ def owner(name: str, value: object) -> str:
 
 def _place(package: str) -> tuple[int, str]:
     part = package.split(".")[:2][-1]
-    return (FIRST.index(part) if part in FIRST else len(FIRST)), package
+    if part in FIRST:
+        return FIRST.index(part), package
+    return len(FIRST), package
 
 
 def page(package: str) -> str:
@@ -87,18 +89,22 @@ def page(package: str) -> str:
     module = import_module(package)
     places = {name: owner(name, getattr(module, name)) for name in public_names(package)}
     parts = [f".. automodule:: {package}\n   :no-members:\n"]
-    if links := [f"* :py:obj:`{name} <{at}.{name}>`" for name, at in places.items() if at != package]:
+    links = [f"* :py:obj:`{name} <{at}.{name}>`" for name, at in places.items() if at != package]
+    if links:
         parts.append("Names documented with the package that defines them:\n\n" + "\n".join(links) + "\n")
     parts += [_entry(module, name) for name, at in places.items() if at == package]
     return f"# {package}\n\n```{{eval-rst}}\n" + "\n".join(parts) + "```\n"
 
 
 def _entry(module: ModuleType, name: str) -> str:
-    value, target = getattr(module, name), f"{module.__name__}.{name}"
+    value = getattr(module, name)
+    target = f"{module.__name__}.{name}"
     if inspect.isclass(value) and value.__name__ == name:
         kind = "autoexception" if issubclass(value, BaseException) else "autoclass"
-        bases = "   :show-inheritance:\n" if value.__bases__ != (object,) else ""
-        return f".. {kind}:: {target}\n   :members:\n{bases}"
+        directive = f".. {kind}:: {target}\n   :members:\n"
+        if value.__bases__ != (object,):
+            directive += "   :show-inheritance:\n"
+        return directive
     if inspect.isroutine(value):
         return f".. autofunction:: {target}\n"
     text = constant_text(module, name) or "A constant."
@@ -112,8 +118,12 @@ def _entry(module: ModuleType, name: str) -> str:
 def constant_text(package: ModuleType, name: str) -> str:
     """Return the docstring below the assignment of a constant, searched in all files of the package or module."""
     file = Path(str(package.__file__))
-    for path in sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]:
-        if found := _constant_texts(path).get(("", name)):
+    files = [file]
+    if file.name == "__init__.py":
+        files = sorted(file.parent.rglob("*.py"))
+    for path in files:
+        found = _constant_texts(path).get(("", name))
+        if found:
             return "\n".join(found).strip()
     return ""
 

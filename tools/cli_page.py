@@ -50,7 +50,10 @@ def parser(command: str) -> Any:
 
 def flags(command: str) -> set[str]:
     """Return every flag of a command, with both forms of a switch (`--x`, `--no-x`)."""
-    return {option for action in parser(command)._actions for option in action.option_strings}
+    found: set[str] = set()
+    for action in parser(command)._actions:
+        found.update(action.option_strings)
+    return found
 
 
 def section(command: str) -> str:
@@ -58,7 +61,8 @@ def section(command: str) -> str:
     rows = [_row(action) for action in parser(command)._actions if action.dest != "help"]
     usage = " ".join(["perdure", command, *(name for name, is_flag, *_ in rows if not is_flag), "[flags]"])
     lines = [f"## perdure {command}", "", _text(parser(command).description or ""), "", f"`{usage}`", ""]
-    if example := cli.example(command):
+    example = cli.example(command)
+    if example:
         lines += [f"Example: `{example}`", ""]
     if command == "train":
         lines += [
@@ -71,19 +75,28 @@ def section(command: str) -> str:
 
 
 def _row(action: Any) -> tuple[str, bool, str, str, str]:
-    text, _, rest = (action.help or "").replace("%%", "%").rpartition("(default:")
-    default = rest.rstrip(")").strip() if text else ""
-    text = text if text else re.sub(r"\((required|fixed to:.*)\)$", "", action.help or "")
     is_flag = bool(action.option_strings)
     name = action.option_strings[0] if is_flag else action.dest.upper().replace("-", "_")
     value = re.sub(r"^\[+(\w+) \[\1 \.\.\.\]\]+$", r"\1 ...", (action.metavar or "").replace("{None}|", ""))
-    return name, is_flag, value, "" if default == "None" or not value else default, _text(text)
+    # tyro writes the default behind the help.
+    text, _, rest = (action.help or "").replace("%%", "%").rpartition("(default:")
+    default = rest.rstrip(")").strip()
+    if not text:
+        text = re.sub(r"\((required|fixed to:.*)\)$", "", action.help or "")
+        default = ""
+    if default == "None" or not value:
+        default = ""
+    return name, is_flag, value, default, _text(text)
 
 
 def _table_row(name: str, is_flag: bool, value: str, default: str, text: str) -> str:
-    shown = f"{name} {value}".strip() if is_flag else name
-    end = f" Default: {_code(default)}." if default else ""
-    return f"| {_code(shown)} | {text}{'' if text.endswith('.') else '.'}{end} |"
+    shown = name
+    if is_flag:
+        shown = f"{name} {value}".strip()
+    meaning = text.removesuffix(".") + "."
+    if default:
+        meaning += f" Default: {_code(default)}."
+    return f"| {_code(shown)} | {meaning} |"
 
 
 def _text(text: str) -> str:
@@ -91,7 +104,9 @@ def _text(text: str) -> str:
 
 
 def _code(text: str) -> str:
-    return f"`{text}`".replace("|", "\\|") if text else ""
+    if not text:
+        return ""
+    return f"`{text}`".replace("|", "\\|")
 
 
 def page() -> str:

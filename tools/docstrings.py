@@ -33,8 +33,10 @@ def spans(lines: list[str]) -> list[str]:
     for number, part in enumerate(parts):
         if number % 2 and not ROLE.search(parts[number - 1]):
             after = parts[number + 1][:1]
-            code = part if part.startswith("``") or NAME.fullmatch(part) else f"`{part}`"
-            parts[number] = code + ("\\ " if after.isalnum() else "")
+            if not part.startswith("``") and not NAME.fullmatch(part):
+                parts[number] = f"`{part}`"
+            if after.isalnum():
+                parts[number] += "\\ "
         elif number % 2 == 0:
             parts[number] = re.sub(r"(\*+)(?=\S)", lambda stars: "\\*" * len(stars[1]), part)
     return "".join(parts).split("\n")

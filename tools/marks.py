@@ -14,7 +14,8 @@ def write_changed(path: Path, text: str) -> None:
 
 def put(page: str, mark: str, text: str) -> str:
     """The page with what stands between `<!-- mark: begin -->` and `<!-- mark: end -->` replaced."""
-    begin, end = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
+    begin = f"<!-- {mark}: begin -->"
+    end = f"<!-- {mark}: end -->"
     before, _, rest = page.partition(begin)
     _, found, after = rest.partition(end)
     if not found:

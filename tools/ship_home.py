@@ -43,23 +43,33 @@ def runs(folder: Path) -> dict[str, Path]:
     """
     found: dict[str, Path] = {}
     for path in sorted(folder.glob("perdure/*/*/seed-*")):
-        named, skill = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name), path.parent.name
-        options = parse_options(named[1]) if named else {}
-        task, skill, method = options.pop("task", ""), *skill.partition("-")[::2]
-        usual = get_skill(skill).recipe_on(task).env_options if skill in learned_skills() else {"skill": ""}
-        own = {name: value for name, value in options.items() if usual.get(name) != value}
-        variant = method or (variant_name(own) if own else "")
-        fits = usual.items() <= options.items() and (not method or (skill == "place" and method in TIMED and not own))
-        if named is None or variant is None or not fits:
+        named = re.fullmatch(r"Home\w+-v0,(.*)", path.parent.parent.name)
+        skill, _, method = path.parent.name.partition("-")
+        if named is None or skill not in learned_skills():
             sys.exit(f"{path} is no run of a recipe or a variant")
-        found[f"{task}/{skill}{variant and '-'}{variant}/{path.name}"] = path
+        options = parse_options(named[1])
+        task = options.pop("task", "")
+        usual = get_skill(skill).recipe_on(task).env_options
+        own = {name: value for name, value in options.items() if usual.get(name) != value}
+        variant: str | None = method
+        fits = usual.items() <= options.items()
+        if method:
+            fits = fits and skill == "place" and method in TIMED and not own
+        elif own:
+            variant = variant_name(own)
+        if variant is None or not fits:
+            sys.exit(f"{path} is no run of a recipe or a variant")
+        name = f"{skill}-{variant}" if variant else skill
+        found[f"{task}/{name}/{path.name}"] = path
     return found
 
 
 def score(policy: Policy, task: str, name: str) -> dict[str, Any]:
     """From val starts, with clutter."""
     skill, _, variant = name.partition("-")
-    options = read_release(variant).options if variant else {}
+    options = {}
+    if variant:
+        options = read_release(variant).options
     result = evaluate_skill(policy, skill, EPISODES, task=task, **options)
     return {"success": result.rate, "episodes": len(result.success), "failures": dict(result.failures.most_common())}
 
@@ -69,14 +79,16 @@ def lent(scores: dict[str, dict[str, Any]]) -> None:
     for skill, home in LEARNED_ON.items():
         others = [name for name, task in TASKS.items() if name != home and targets_of(skill, task)]
         for task, seed in product(others, shipped_seeds(home, skill)):
-            name, path = f"{task}/{skill}/seed-{seed}", shipped_seeds(task, skill)[seed]
+            name = f"{task}/{skill}/seed-{seed}"
+            path = shipped_seeds(task, skill)[seed]
             if path.parent.parent.name != task and name not in scores:
                 scores[name] = {"learned_on": home, **score(load_policy(path), task, skill)}
 
 
 def main(folder: Path) -> None:
     """Score, ship, print."""
-    found, scores = runs(folder), json.loads(SCORES.read_text())
+    found = runs(folder)
+    scores = json.loads(SCORES.read_text())
     renewed = {(task, skill) for task, skill, _ in (name.split("/") for name in found)}
     for name, entry in list(scores.items()):
         task, skill, _ = name.split("/")

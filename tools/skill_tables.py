@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby
 
-from perdure.home.sim.robot import ARM_JOINTS
+from perdure.home.sim.robot import ROBOT
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
 from perdure.home.skills.registry import env_id
 from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
@@ -41,14 +41,16 @@ def reward_texts(skill: Skill) -> Mapping[str, str]:
 
 def _longest(name: str) -> Skill:
     """Return the skill with all elements that it can have."""
-    return get_skill(name, **({"delta": 2} if "delta" in (each.name for each in fields(SKILLS[name])) else {}))
+    if "delta" in [each.name for each in fields(SKILLS[name])]:
+        return get_skill(name, delta=2)
+    return get_skill(name)
 
 
 def _section(name: str, skill: Skill) -> str:
     usual = get_skill(name)
-    more = (
-        f"; {len(skill.elements)} and {usual.limit} + `delta` for `delta` above 1" if skill.limit > usual.limit else ""
-    )
+    more = ""
+    if skill.limit > usual.limit:
+        more = f"; {len(skill.elements)} and {usual.limit} + `delta` for `delta` above 1"
     facts = f"`{env_id(name)}`: {len(usual.elements)} numbers observed, at most {usual.limit} steps{more}. "
     parts = [f"## {name}", f"{facts}Contact force: at most {skill.force_limit:g} N. Success: {skill.success_text}."]
     parts.append(_table(("observed", "meaning", "unit", "from", "to"), _elements(skill.elements)))
@@ -66,7 +68,7 @@ def _elements(elements: Sequence[Element]) -> Iterable[tuple[str, ...]]:
 
 def _series(element: Element) -> tuple[str, str, float, float]:
     """Return what elements that share a row have in common: the meaning has no axis, joint or number."""
-    meaning = re.sub("|".join(ARM_JOINTS), "each arm joint", element.meaning)
+    meaning = re.sub("|".join(ROBOT.arm_names), "each arm joint", element.meaning)
     meaning = re.sub(r"(sector|beam) \d+", r"\1 k", _AXIS.sub("", meaning))
     return meaning, element.unit, element.low, element.high
 
@@ -75,7 +77,7 @@ def _actions(skill: Skill) -> Iterable[tuple[str, str]]:
     effects = [
         ("forward", f"speed of the base; 1 is {skill.base_speed:g} m/s"),
         ("turn", f"turning speed to the left; 1 is {skill.base_speed:g} rad/s"),
-        *((joint, f"change of the servo target; 1 is {skill.arm_step:g} rad per step") for joint in ARM_JOINTS),
+        *((joint, f"change of the servo target; 1 is {skill.arm_step:g} rad per step") for joint in ROBOT.arm_names),
         ("grip", skill.grip_text),
     ]
     return ((f"{k} `{effects[c][0]}`", effects[c][1]) for k, c in enumerate(skill.active_columns))

@@ -139,8 +139,9 @@ def train(config: dict[str, Any]) -> dict[str, Any]:
     clock = Clock()
     model.learn(config["total_steps"], callback=clock)
     clock.marks.append((model.num_timesteps, time.perf_counter()))
-    (first, t0), (last, t1) = clock.marks[1], clock.marks[-1]
-    return {"steps_per_second": (last - first) / (t1 - t0), "episodes": getattr(env, "episodes", [])}
+    first, began = clock.marks[1]
+    last, ended = clock.marks[-1]
+    return {"steps_per_second": (last - first) / (ended - began), "episodes": getattr(env, "episodes", [])}
 
 
 def rate(model: Any, normalized: VecNormalize, venv: VecEnv, episodes: int) -> float:
@@ -156,7 +157,9 @@ def rate(model: Any, normalized: VecNormalize, venv: VecEnv, episodes: int) -> f
 
 def evaluate(config: dict[str, Any]) -> dict[str, float]:
     """The weights do not matter for a speed. A falling robot resets more often; HalfCheetah never falls."""
-    task, cores, lanes = config["task"], config["cores"], 48
+    task = config["task"]
+    cores = config["cores"]
+    lanes = 48
     model, normalized = make_model(config, EnvPoolVecEnv(task, 1, 0, 1000))
 
     def single() -> Any:

@@ -104,7 +104,8 @@ def main() -> None:
     arrays |= weights(model, "after")
     arrays["orders"] = np.stack(orders)
     for name, rms in (("observation", normalized.obs_rms), ("return", normalized.ret_rms)):
-        arrays[f"{name}.mean"], arrays[f"{name}.var"] = np.atleast_1d(rms.mean), np.atleast_1d(rms.var)
+        arrays[f"{name}.mean"] = np.atleast_1d(rms.mean)
+        arrays[f"{name}.var"] = np.atleast_1d(rms.var)
         arrays[f"{name}.count"] = np.atleast_1d(np.float64(rms.count))
     arrays = {k: v.astype(np.uint8) if v.dtype == bool else np.ascontiguousarray(v) for k, v in arrays.items()}
     save_file(arrays, sys.argv[1])

@@ -32,8 +32,12 @@ Color = tuple[int, int, int]
 Row = tuple[int, Sequence[tuple[str, Color]]]
 """A line of text: the font size in pixels, and texts with their colors in columns of equal width."""
 
-PAPER, INK, GRAY, PALE = (255, 255, 255), (20, 20, 20), (110, 110, 110), (170, 170, 170)
-GREEN, RED = (0, 110, 60), (178, 34, 34)
+PAPER = (255, 255, 255)
+INK = (20, 20, 20)
+GRAY = (110, 110, 110)
+PALE = (170, 170, 170)
+GREEN = (0, 110, 60)
+RED = (178, 34, 34)
 MARGIN = 8
 """Pixels between a text and the edge of the picture, and between two columns."""
 SMALLEST_FONT = 7
@@ -54,7 +58,8 @@ def check_film(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
         kind = "a film" if ".mp4" in suffixes else "a picture"
         raise PerdureError(f"{kind} is written as {', '.join(suffixes)}, not as {path.name}")
     needed = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
-    if missing := [name for module, name in needed.items() if not find_spec(module)]:
+    missing = [name for module, name in needed.items() if not find_spec(module)]
+    if missing:
         raise PerdureError(f"films and pictures need {' and '.join(missing)}: pip install 'perdure[film]'")
     refuse_replacing(path)
 
@@ -68,17 +73,24 @@ def open_context(width: int, height: int) -> Any:
     Raises:
         PerdureError: If none of them works here, or MUJOCO_GL switches pictures off.
     """
-    wanted, failures = os.environ.get("MUJOCO_GL", "").lower().strip(), []
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in OFF:
         raise PerdureError(f"no picture can be drawn: MUJOCO_GL={wanted} switches pictures off")
-    names = ("egl", "osmesa") if sys.platform.startswith("linux") else ("",)
-    for name in (wanted,) if wanted in ("egl", "osmesa", "glfw") else names:
+    if wanted in ("egl", "osmesa", "glfw"):
+        modules = [f"mujoco.{wanted}"]
+    elif sys.platform.startswith("linux"):
+        modules = ["mujoco.egl", "mujoco.osmesa"]
+    else:
+        modules = ["mujoco"]
+    failures = []
+    for module in modules:
         try:
-            context = import_module(f"mujoco.{name}" if name else "mujoco").GLContext(width, height)
+            context = import_module(module).GLContext(width, height)
             context.make_current()
         except Exception as error:  # every driver has its own way to fail
-            reason = f"{type(error).__name__}: {str(error).splitlines()[0].strip() if str(error) else ''}"
-            failures.append(f"{name} ({reason[:120]})")
+            first_line = str(error).partition("\n")[0].strip()
+            reason = f"{type(error).__name__}: {first_line}"
+            failures.append(f"{module.removeprefix('mujoco.')} ({reason[:120]})")
             _forget_opengl()
         else:
             return context
@@ -110,10 +122,15 @@ class Renderer:
     def __init__(self, model: Any, size: tuple[int, int]) -> None:
         import mujoco
 
-        self._mujoco, self.model, self.size = mujoco, model, size
-        width, height = self._drawn = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        model.vis.quality.shadowsize, model.vis.quality.offsamples = self.shadows, 0
+        self._mujoco = mujoco
+        self.model = model
+        self.size = size
+        self._drawn = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
+        width, height = self._drawn
+        model.vis.global_.offwidth = width
+        model.vis.global_.offheight = height
+        model.vis.quality.shadowsize = self.shadows
+        model.vis.quality.offsamples = 0
         self._context = open_context(width, height)
         self._drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
@@ -132,7 +149,8 @@ class Renderer:
         """Return a picture of a state (`MjData`), seen from an `MjvCamera`; `decorate` may add to `scene` before."""
         from PIL import Image
 
-        m, everything = self._mujoco, self._mujoco.mjtCatBit.mjCAT_ALL.value
+        m = self._mujoco
+        everything = m.mjtCatBit.mjCAT_ALL.value
         self._context.make_current()
         m.mjv_updateScene(self.model, data, self.options, None, camera, everything, self.scene)
         if decorate is not None:
@@ -177,7 +195,8 @@ def write_labels(picture: Picture, labels: Sequence[tuple[float, float, str, Col
     from PIL import Image, ImageDraw
 
     image = Image.fromarray(picture)
-    draw, taken = ImageDraw.Draw(image), list[NDArray[np.float64]]()
+    draw = ImageDraw.Draw(image)
+    taken: list[NDArray[np.float64]] = []
     for x, y, text, color in sorted(labels, key=lambda label: -label[1]):
         if 0 <= x < image.width and 0 <= y < image.height:
             box = np.array(draw.textbbox((x, y), text, font=_font(size), anchor="mb"), float)
@@ -192,7 +211,9 @@ def write_labels(picture: Picture, labels: Sequence[tuple[float, float, str, Col
 
 def strip_height(rows: Sequence[Row]) -> int:
     """Return the height of lines of text above or below a picture in pixels; even, as films need it."""
-    return 2 * math.ceil(0.5 * (6.0 + sum(1.4 * size for size, _ in rows))) if rows else 0
+    if not rows:
+        return 0
+    return 2 * math.ceil(0.5 * (6.0 + sum(1.4 * size for size, _ in rows)))
 
 
 @lru_cache(maxsize=64)
@@ -214,7 +235,9 @@ def tile(pictures: Sequence[Picture], columns: int, gap: int = GAP) -> Picture:
     rows = math.ceil(len(pictures) / columns)
     sheet = np.full((rows * (height + gap) - gap, columns * (width + gap) - gap, 3), 255, dtype=np.uint8)
     for k, picture in enumerate(pictures):
-        y, x = (k // columns) * (height + gap), (k % columns) * (width + gap)
+        row, column = divmod(k, columns)
+        y = row * (height + gap)
+        x = column * (width + gap)
         sheet[y : y + height, x : x + width] = picture
     return sheet
 
@@ -249,7 +272,8 @@ def write_film(pictures: Iterable[Picture], path: Path, rate: float) -> int:
     temporary.touch()  # a folder that may not be written is found out before the first picture
     count = 0
     try:
-        with (_mp4 if temporary.suffix == ".mp4" else _animation)(temporary, rate) as add:
+        write = _mp4 if temporary.suffix == ".mp4" else _animation
+        with write(temporary, rate) as add:
             for picture in pictures:
                 add(picture)
                 count += 1
@@ -276,11 +300,15 @@ def _mp4(path: Path, rate: float) -> Generator[Callable[[Picture], object], None
         ) as ffmpeg,
     ):
         assert ffmpeg.stdin is not None
-        pipe, broken = ffmpeg.stdin, False
+        pipe = ffmpeg.stdin
+        broken = False
+
+        def add(picture: Picture) -> None:
+            height, width = picture.shape[:2]
+            pipe.write(b"P6 %d %d 255\n" % (width, height) + picture.tobytes())
+
         try:
-            yield lambda picture: pipe.write(
-                b"P6 %d %d 255\n" % (picture.shape[1], picture.shape[0]) + picture.tobytes()
-            )
+            yield add
             pipe.close()
         except BrokenPipeError:
             broken = True
@@ -302,8 +330,17 @@ def _animation(path: Path, rate: float) -> Generator[Callable[[Picture], object]
     from PIL import Image
 
     pictures: list[Any] = []
-    webp, read, plain = path.suffix == ".webp", Image.fromarray, Image.Dither.NONE
-    yield lambda picture: pictures.append(read(picture) if webp else read(picture).quantize(128, dither=plain))
+    options: dict[str, Any] = {"optimize": False}
+    if path.suffix == ".webp":
+        options = WEBP
+
+    def add(picture: Picture) -> None:
+        image = Image.fromarray(picture)
+        if path.suffix != ".webp":
+            image = image.quantize(128, dither=Image.Dither.NONE)
+        pictures.append(image)
+
+    yield add
     ends = [10 * round(100 * k / rate) for k in range(len(pictures) + 1)]  # [ms]; GIF counts in hundredths of a second
-    options = {"duration": np.diff(ends).tolist(), "loop": 0, **(WEBP if webp else {"optimize": False})}
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], **options)
+    durations = np.diff(ends).tolist()
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0, **options)

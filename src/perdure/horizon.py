@@ -88,7 +88,9 @@ class HorizonProtocol:
     @property
     def embedding_size(self) -> int:
         """Return the number of components appended to the observation; 0 without phi."""
-        return 0 if self.embedding is None else self.embedding.size
+        if self.embedding is None:
+            return 0
+        return self.embedding.size
 
     def embed(self, elapsed: Any, horizon: Any) -> Any:
         """Return phi, of shape (n, embedding_size), (n, 0) without an embedding.
@@ -103,8 +105,10 @@ class HorizonProtocol:
 
     def to_json(self) -> dict[str, Any]:
         """Return the protocol as plain JSON values."""
-        embedding = None if self.embedding is None else self.embedding.to_json()
-        return {**vars(self), "embedding": embedding, "horizon": self.horizon.to_json()}
+        values = {**vars(self), "horizon": self.horizon.to_json()}
+        if self.embedding is not None:
+            values["embedding"] = self.embedding.to_json()
+        return values
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
@@ -115,16 +119,18 @@ class HorizonProtocol:
         """
         if not isinstance(values, dict):
             raise PerdureError(f"a horizon protocol is a table of fields, got {values!r}")
-        names, given = {field.name for field in fields(cls)}, set(values)
-        if given != names:
-            listing = "; ".join(
-                f"{word} {', '.join(sorted(some))}"
-                for word, some in (("missing", names - given), ("unknown", given - names))
-                if some
-            )
-            raise PerdureError(f"a horizon protocol cannot be read: {listing}")
-        embedding = None if values["embedding"] is None else Embedding.from_json(values["embedding"])
-        return cls(**{**values, "embedding": embedding, "horizon": HorizonDistribution.from_json(values["horizon"])})
+        names = {field.name for field in fields(cls)}
+        faults = []
+        if names - values.keys():
+            faults.append(f"missing {', '.join(sorted(names - values.keys()))}")
+        if values.keys() - names:
+            faults.append(f"unknown {', '.join(sorted(values.keys() - names))}")
+        if faults:
+            raise PerdureError(f"a horizon protocol cannot be read: {'; '.join(faults)}")
+        arguments = {**values, "horizon": HorizonDistribution.from_json(values["horizon"])}
+        if values["embedding"] is not None:
+            arguments["embedding"] = Embedding.from_json(values["embedding"])
+        return cls(**arguments)
 
 
 def check_end(end: Any) -> None:
@@ -197,12 +203,16 @@ class Geometric(Embedding):
         left = horizon > elapsed
         # max(T - t, 0) by operators, for traced arrays.
         steps_to_go = (horizon - elapsed) * left
-        exponent = steps_to_go[..., None] if hasattr(steps_to_go, "ndim") else steps_to_go
+        exponent = steps_to_go
+        if hasattr(steps_to_go, "ndim"):
+            exponent = steps_to_go[..., None]
         if not isinstance(exponent, np.ndarray | float | int):
             return self.factors**exponent
         # With a scalar exponent of 2 NumPy squares instead of calling pow, and the two differ in the last bit under
         # AVX-512. One exponent per factor keeps every row independent of its neighbors.
-        factors = self.factors if self.size > 1 else self.factors.repeat(2)
+        factors = self.factors
+        if self.size == 1:
+            factors = factors.repeat(2)
         return np.power(factors, exponent + 0.0 * factors)[..., : self.size]
 
 
@@ -223,7 +233,7 @@ class Linear(Embedding):
         left = horizon > elapsed
         # If no steps are left, T + 1 avoids 0/0 and `left` makes the result 0. Operators only, for traced arrays.
         share = (1.0 - elapsed / (horizon + (1.0 - left))) * left
-        return share[..., None] if hasattr(share, "ndim") else np.asarray(share)[..., None]
+        return _as_array(share)[..., None]
 
 
 @dataclass(frozen=True)
@@ -262,7 +272,14 @@ class TimeFeature(Embedding):
         # N - (T - t) is t where T = N, so that the quotient is the wrapper's to the last bit.
         share = 1.0 - (self.steps - (horizon - elapsed)) / self.steps
         # A method, not a function of NumPy: t and T may be traced JAX arrays.
-        return (share if hasattr(share, "ndim") else np.asarray(share)).clip(max=1.0)[..., None]
+        return _as_array(share).clip(max=1.0)[..., None]
+
+
+def _as_array(value: Any) -> Any:
+    """Return an array of NumPy or JAX unchanged, and a Python number as an array."""
+    if hasattr(value, "ndim"):
+        return value
+    return np.asarray(value)
 
 
 SIZE_BY_TASK = {"Swimmer": 10}
@@ -280,10 +297,11 @@ def geometric_size(observation_size: int, task: str | None = None) -> int:
         observation_size: Length d of the observation without phi.
         task: The task's name, for the exception.
     """
-    robot = "" if task is None else robot_of(task)
-    if robot in SIZE_BY_TASK:
-        return SIZE_BY_TASK[robot]
-    return 10 if 2 * observation_size > 3 * 10 else 5
+    if task is not None and robot_of(task) in SIZE_BY_TASK:
+        return SIZE_BY_TASK[robot_of(task)]
+    if 2 * observation_size > 3 * 10:
+        return 10
+    return 5
 
 
 def robot_of(task: str) -> str:
@@ -293,7 +311,9 @@ def robot_of(task: str) -> str:
 
 def usual_preset(task: str) -> str:
     """Return the preset that a task is trained with by default: with RL Zoo's, few Hoppers and Walkers hold."""
-    return "cleanrl" if robot_of(task) in ("Hopper", "Walker2d") else "zoo"
+    if robot_of(task) in ("Hopper", "Walker2d"):
+        return "cleanrl"
+    return "zoo"
 
 
 # Distributions of the training horizon
@@ -481,7 +501,8 @@ class LaneClocks:
         lanes: dict[Clock, list[int]] = {}
         for lane, clock in enumerate(clocks):
             lanes.setdefault(clock, []).append(lane)
-        self._lanes, self._count = {clock: np.array(mine) for clock, mine in lanes.items()}, len(clocks)
+        self._lanes = {clock: np.array(mine) for clock, mine in lanes.items()}
+        self._count = len(clocks)
 
     def time(self, elapsed: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (t, T) of every lane, two arrays of shape (n,), for steps since reset of shape (n,).
@@ -492,7 +513,8 @@ class LaneClocks:
         steps = np.asarray(elapsed, np.float64)
         if steps.shape != (self._count,):
             raise PerdureError(f"elapsed must have shape ({self._count},), one number a lane, got {steps.shape}")
-        times, horizons = np.empty_like(steps), np.empty_like(steps)
+        times = np.empty_like(steps)
+        horizons = np.empty_like(steps)
         for clock, mine in self._lanes.items():
             times[mine], horizons[mine] = clock.time(steps[mine])
         return times, horizons

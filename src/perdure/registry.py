@@ -44,7 +44,7 @@ def load_plugins() -> None:
 
 
 class Registered(ABC):
-    """Base class of the members of all vocabularies: frozen dataclasses, found by their name."""
+    """Base class of the members of vocabularies, found by name; those that files store are frozen dataclasses."""
 
     name: ClassVar[str]
     """Name in files and on command lines."""

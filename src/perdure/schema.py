@@ -74,7 +74,9 @@ def checked(value: Any, kind: Any, name: str = "") -> Any:
             text += f", got {_shown(value)}"
         for part, words in _WORDS.items():
             text = text.replace(part, words)
-        raise PerdureError(f"{where} {text}" if text.startswith(("must", "has")) else f"{where}: {text}") from None
+        if not text.startswith(("must", "has")):
+            where += ":"
+        raise PerdureError(f"{where} {text}") from None
 
 
 _WORDS = {
@@ -97,13 +99,19 @@ def read_json(text: str | bytes, kind: Any = Any) -> Any:
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:  # a UnicodeDecodeError and a JSONDecodeError are ValueErrors
-        reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
+        reason = str(error)
+        if isinstance(error, RecursionError):
+            reason = "it is nested too deep"
         raise PerdureError(f"it is not readable JSON: {reason}") from None
     level = [value]
     for _ in range(DEEPEST + 1):
-        level = [part for each in level if isinstance(each, dict) for part in each.values()] + [
-            part for each in level if isinstance(each, list) for part in each
-        ]
+        below: list[Any] = []
+        for each in level:
+            if isinstance(each, dict):
+                below += each.values()
+            elif isinstance(each, list):
+                below += each
+        level = below
     if level:
         raise PerdureError(f"it is nested too deep: more than {DEEPEST} lists and tables inside each other")
     return value if kind is Any else checked(value, kind)
@@ -116,7 +124,8 @@ def printable(text: str, lines: bool = False) -> str:
         text: Of any origin.
         lines: Keep line ends and tabs.
     """
-    return (_UNSEEN_BUT_LINES if lines else UNSEEN).sub("\ufffd", text)
+    pattern = _UNSEEN_BUT_LINES if lines else UNSEEN
+    return pattern.sub("\ufffd", text)
 
 
 class Parquet:
@@ -141,13 +150,16 @@ class Parquet:
         """Return the table, or some of its columns."""
         import polars as pl
 
+        if columns is not None:
+            columns = list(columns)
         with _decoding():
-            return pl.read_parquet(io.BytesIO(self._content), columns=None if columns is None else list(columns))
+            return pl.read_parquet(io.BytesIO(self._content), columns=columns)
 
 
 def parquet_bytes(frame: pl.DataFrame, **options: Any) -> bytes:
     """Return a table as a Parquet file; options are those of Polars' `write_parquet`."""
-    frame.write_parquet(buffer := io.BytesIO(), **options)
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer, **options)
     return buffer.getvalue()
 
 
@@ -188,7 +200,9 @@ class Kind:
 
 def _shown(value: Any) -> str:
     text = repr(value)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    if len(text) > _LONGEST_SHOWN:
+        return f"{text[:_LONGEST_SHOWN]}..."
+    return text
 
 
 class Text(Kind):
@@ -222,17 +236,25 @@ class Real(Kind):
         infinite: bool = False,
         unknown: bool = False,
     ) -> None:
-        words = f"a number {'above' if above else 'from'} {low:g} to {high:g}"
-        words += " or infinite" * infinite + " or nan" * unknown
-        low, high = (bound * math.inf if infinite and abs(bound) >= LARGEST else bound for bound in (low, high))
-        bounds = {"gt" if above else "ge": low, "le": high}
-        limits: Any = {name: bound for name, bound in bounds.items() if math.isfinite(bound)}
+        begin = "above" if above else "from"
+        words = f"a number {begin} {low:g} to {high:g}" + " or infinite" * infinite + " or nan" * unknown
+        if infinite and abs(low) >= LARGEST:
+            low *= math.inf
+        if infinite and abs(high) >= LARGEST:
+            high *= math.inf
+        lower_name = "gt" if above else "ge"
+        limits: Any = {name: bound for name, bound in ((lower_name, low), ("le", high)) if math.isfinite(bound)}
 
         def misfits(column: pl.Expr) -> pl.Expr:
             fits = column.is_between(low, high, closed="right" if above else "both")
-            return ~(fits | column.is_nan()) if unknown else ~fits
+            if unknown:
+                fits |= column.is_nan()
+            return ~fits
 
-        super().__init__(float if unknown else Annotated[float, Meta(**limits)], words, misfits)
+        value_type: Any = float
+        if not unknown:
+            value_type = Annotated[float, Meta(**limits)]
+        super().__init__(value_type, words, misfits)
         self.holds: Callable[[float], bool] = lambda value: not unknown or value != value or low <= value <= high
         """Whether a number is allowed: msgspec has no bounds that let nan pass."""
 
@@ -271,7 +293,8 @@ class Table(Kind):
     """Named fields, and rules between the columns of these names."""
 
     def __init__(self, fields: Mapping[str, Kind], rules: Sequence[Rule] = ()) -> None:
-        self.fields, self.rules = fields, rules
+        self.fields = fields
+        self.rules = rules
         names = {name: f"field_{number}" for number, name in enumerate(fields)}
 
         def check(made: Any) -> None:
@@ -316,7 +339,8 @@ def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:
         values = column(name)
         if values.null_count():
             raise PerdureError(f"it has missing values in column {name!r}")
-        if (row := _first(values.to_frame(), kind.misfits(pl.col(name)))) is not None:
+        row = _first(values.to_frame(), kind.misfits(pl.col(name)))
+        if row is not None:
             raise PerdureError(f"row {row}: {name} must be {kind.allowed}, not {_shown(values[row])}")
     for rule in table.rules:
         wrong = rule.broken(pl.col)
@@ -326,5 +350,8 @@ def check_columns(column: Callable[[str], pl.Series], table: Table) -> None:
 
 
 def _first(frame: pl.DataFrame, wrong: pl.Expr) -> int | None:
-    found = frame.select(wrong.arg_max().alias("row"), wrong.any().alias("any")).row(0)
-    return int(found[0]) if found[1] else None
+    """Return the number of the first row where an expression is true; None without one."""
+    row, any_wrong = frame.select(wrong.arg_max().alias("row"), wrong.any().alias("any")).row(0)
+    if not any_wrong:
+        return None
+    return int(row)

@@ -31,7 +31,9 @@ BoolArray = NDArray[np.bool_]
 
 TRAINING_SEEDS = "training seeds"
 EVALUATION_SEEDS_ONLY = "evaluation seeds only"
-STUDENT_T, BOOTSTRAP, EXACT = "Student t", "bootstrap", "Clopper-Pearson"
+STUDENT_T = "Student t"
+BOOTSTRAP = "bootstrap"
+EXACT = "Clopper-Pearson"
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 FEW_UNITS = 10
@@ -81,7 +83,8 @@ class Interval:
     def within(self, low: float, high: float) -> Interval:
         """Return it with bounds between two numbers, and with none where all units agree: that is no certainty."""
         varied = self.upper - self.lower > 1e-9  # no rounding
-        lower, upper = (np.where(varied, np.clip(each, low, high), np.nan) for each in (self.lower, self.upper))
+        lower = np.where(varied, np.clip(self.lower, low, high), np.nan)
+        upper = np.where(varied, np.clip(self.upper, low, high), np.nan)
         return replace(self, lower=lower, upper=upper)
 
 
@@ -98,7 +101,8 @@ def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
     Raises:
         ValueError: No episodes, or shapes that do not fit.
     """
-    rows, names = np.asarray(values, dtype=np.float64), np.asarray(runs)
+    rows = np.asarray(values, dtype=np.float64)
+    names = np.asarray(runs)
     if rows.ndim == 0 or len(rows) == 0 or names.shape != rows.shape[:1]:
         raise ValueError(f"values of shape {rows.shape} do not fit runs of shape {names.shape}: one run per episode")
     distinct, index = np.unique(names, return_inverse=True)
@@ -109,7 +113,9 @@ def make_units(values: ArrayLike, runs: ArrayLike) -> Units:
 
 def estimate_interval(units: Units, rng: np.random.Generator) -> Interval:
     """Estimate the mean over units: Student's t interval below `FEW_UNITS` units, else a bootstrap interval."""
-    return t_interval(units) if units.count < FEW_UNITS else bootstrap_interval(units, rng)
+    if units.count < FEW_UNITS:
+        return t_interval(units)
+    return bootstrap_interval(units, rng)
 
 
 def mean_interval(values: ArrayLike, runs: ArrayLike, rng: np.random.Generator) -> Interval:
@@ -125,8 +131,10 @@ def t_interval(units: Units, confidence: float = CONFIDENCE) -> Interval:
     """
     from scipy.special import stdtrit
 
-    n, columns = units.count, _columns(units)
-    estimate, half = columns.mean(axis=0), np.nan
+    n = units.count
+    columns = _columns(units)
+    estimate = columns.mean(axis=0)
+    half = np.nan
     if n >= FEWEST_FOR_INTERVAL:
         spread = ((columns - estimate) ** 2).sum(axis=0)
         half = stdtrit(n - 1, 0.5 + confidence / 2.0) * np.sqrt(spread / (n * (n - 1)))
@@ -143,9 +151,11 @@ def bootstrap_interval(
     """
     columns = _columns(units)
     estimate = columns.mean(axis=0)
-    bounds = np.tile(estimate * (np.nan if units.count < FEWEST_FOR_INTERVAL else 1.0), (2, 1))
+    bounds = np.tile(estimate, (2, 1))
     varied = np.isfinite(estimate) & (columns != columns[:1]).any(axis=0)
-    if varied.any() and units.count >= FEWEST_FOR_INTERVAL:
+    if units.count < FEWEST_FOR_INTERVAL:
+        bounds[:] = np.nan
+    elif varied.any():
         from scipy.stats import bootstrap
 
         found = bootstrap(
@@ -215,7 +225,8 @@ def kaplan_meier(times: ArrayLike, failed: ArrayLike) -> tuple[FloatArray, Float
     """
     from scipy.stats import CensoredData, ecdf
 
-    at, event = np.asarray(times, np.float64), np.asarray(failed, np.bool_)
+    at = np.asarray(times, np.float64)
+    event = np.asarray(failed, np.bool_)
     found = ecdf(CensoredData(uncensored=at[event], right=at[~event])).sf
     return found.quantiles, found.probabilities
 
@@ -224,7 +235,9 @@ def median_time(times: ArrayLike, failed: ArrayLike) -> float:
     """Return the median of the Kaplan-Meier curve; nan where less than half of the episodes failed."""
     at, share = kaplan_meier(times, failed)
     by_then = at[share <= 0.5 + 1e-9]
-    return float(by_then[0]) if by_then.size else math.nan
+    if not by_then.size:
+        return math.nan
+    return float(by_then[0])
 
 
 @dataclass(frozen=True)
@@ -248,7 +261,9 @@ class FailureRate:
     @property
     def mean_hours(self) -> float:
         """Mean time between failures [h]; inf without a failure."""
-        return self.exposure_hours / self.events if self.events else math.inf
+        if not self.events:
+            return math.inf
+        return self.exposure_hours / self.events
 
     @property
     def lower(self) -> float:
@@ -271,7 +286,9 @@ class FailureRate:
 def _poisson_mean(events: int, quantile: float) -> float:
     from scipy.special import gammaincinv
 
-    return float(gammaincinv(events, quantile)) if events else 0.0
+    if not events:
+        return 0.0
+    return float(gammaincinv(events, quantile))
 
 
 def measure_failure_rate(times: ArrayLike, failed: ArrayLike, hours: float) -> FailureRate:
@@ -282,7 +299,8 @@ def measure_failure_rate(times: ArrayLike, failed: ArrayLike, hours: float) -> F
         failed: Which episodes failed, shape (episodes,).
         hours: Hours in a step.
     """
-    at, event = np.asarray(times, np.float64), np.asarray(failed, np.bool_)
+    at = np.asarray(times, np.float64)
+    event = np.asarray(failed, np.bool_)
     order = np.argsort(at)
     exposure = np.cumsum(at[order]) + at[order] * np.arange(len(at) - 1, -1, -1)  # of all, until each one's time
     early = event[order] & (exposure <= exposure[-1] / 2.0)
@@ -334,13 +352,15 @@ class Difference:
 def compare_paired(left: Mapping[int, float], right: Mapping[int, float]) -> Difference:
     """Compare two deployments of the same training runs, by the differences within runs; keys are training seeds."""
     seeds = sorted(set(left) & set(right))
-    a, b = (np.array([side[seed] for seed in seeds], np.float64) for side in (left, right))
+    a = np.array([left[seed] for seed in seeds], np.float64)
+    b = np.array([right[seed] for seed in seeds], np.float64)
     return Difference(_mean(a), _mean(b), *_student(a - b), len(seeds))
 
 
 def compare_unpaired(left: ArrayLike, right: ArrayLike) -> Difference:
     """Compare two groups of training runs that have nothing in common, by Welch's t interval."""
-    a, b = np.asarray(left, np.float64), np.asarray(right, np.float64)
+    a = np.asarray(left, np.float64)
+    b = np.asarray(right, np.float64)
     return Difference(_mean(a), _mean(b), *_welch(a, b), min(len(a), len(b)))
 
 
@@ -359,17 +379,22 @@ def mean_difference(differences: Sequence[Difference]) -> Difference:
     parts = [(each.error / k) ** 2 for each in differences]
     squared = sum(parts)
     terms = [part**2 / each.freedom for part, each in zip(parts, differences, strict=True) if part > 0.0]
+    freedom = math.nan
+    if terms:
+        freedom = squared**2 / sum(terms)
     return Difference(
         left=sum(each.estimate for each in differences) / k,
         right=0.0,
         error=math.sqrt(squared),
-        freedom=squared**2 / sum(terms) if terms else math.nan,
+        freedom=freedom,
         count=min(each.count for each in differences),
     )
 
 
 def _mean(values: FloatArray) -> float:
-    return float(values.mean()) if values.size else math.nan
+    if not values.size:
+        return math.nan
+    return float(values.mean())
 
 
 def _student(values: FloatArray) -> tuple[float, float]:
@@ -387,6 +412,7 @@ def _welch(a: FloatArray, b: FloatArray) -> tuple[float, float]:
     errors = [_student(each)[0] for each in (a, b)]
     if not any(errors) or np.isnan(errors).any():
         return sum(errors), math.nan
-    first, second = (float(each.var(ddof=1)) / len(each) for each in (a, b))
+    first = float(a.var(ddof=1)) / len(a)
+    second = float(b.var(ddof=1)) / len(b)
     squared = first + second
     return math.sqrt(squared), squared**2 / (first**2 / (len(a) - 1) + second**2 / (len(b) - 1))

@@ -197,11 +197,13 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode with draws of its own. A seed restarts them, unless the constructor got one."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        robots = self._disturber.robots
         if seed is not None and not self._fixed:
-            self._disturber.seeds[0], self._disturber.episodes[0] = seed, 0
+            robots.seeds[0] = seed
+            robots.episodes[0] = 0
         self._disturber.begin(self._lane)
         self._elapsed[:] = 0
+        observation, info = self.env.reset(seed=seed, options=options)
         return self._observe(observation), info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -32,7 +33,8 @@ SEED = 0
 SIBLINGS = {"linear-random": "linear", "linear-10-workers": "linear"}
 """Methods of one color, told apart by shape and dash."""
 UNDISCOUNTED = Condition("ppo-undiscounted")
-BEST, COUNTDOWN = Condition("geometric", "best"), Condition("geometric", "countdown")
+BEST = Condition("geometric", "best")
+COUNTDOWN = Condition("geometric", "countdown")
 FIGURE_3_2 = (PPO, UNDISCOUNTED, BEST, CHOSEN)
 MECHANISM_METHODS = ("ppo", "ppo-undiscounted", "random-horizon", "linear", "geometric", "geometric-fixed")
 SO_FAR = "Return so far, divided by the steps so far; an ended episode earns nothing more."
@@ -54,8 +56,9 @@ def all_figures(results: Results) -> Iterator[Figure]:
 
 def _start_states(results: Results, keys: Collection[tuple[str, Condition]]) -> str:
     counts = {int(results.of(setting, each.method)["episodes"].min()) for setting, each in keys}  # type: ignore[arg-type]
-    least, most = min(counts), max(counts)
-    number = wording.count(most, "start state") if least == most else f"{least} to {wording.count(most, 'start state')}"
+    number = wording.count(max(counts), "start state")
+    if len(counts) > 1:
+        number = f"{min(counts)} to {number}"
     return f"Each training run: {number}."
 
 
@@ -64,11 +67,13 @@ def style(condition: Condition) -> Style:
 
     The optimistic choice of C has the color of its method, and another dash and shape.
     """
-    name, first = SIBLINGS.get(condition.method, condition.method), list(METHODS)[:8]
-    place = first.index(name) if name in first else len(first) - 1
-    variant = name != condition.method or condition.clock == "best"
-    other = charts.style(place + 4 if variant else place)
-    return replace(charts.style(place), dash=other.dash, shape=other.shape)
+    name = SIBLINGS.get(condition.method, condition.method)
+    place = min(list(METHODS).index(name), 7) if name in METHODS else 7
+    look = charts.style(place)
+    if name != condition.method or condition.clock == "best":
+        other = charts.style(place + 4)
+        look = replace(look, dash=other.dash, shape=other.shape)
+    return look
 
 
 # Intervals and curves.
@@ -80,9 +85,13 @@ def _interval_note(intervals: Collection[Interval], what: str) -> str:
     if not many:
         return f"No intervals: fewer than {FEWEST_FOR_INTERVAL} training runs."
     counts = sorted({each.count for each in many})
-    runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    runs = str(counts[-1])
+    if len(counts) > 1:
+        runs = f"{counts[0]} to {counts[-1]}"
     units = "training runs" if many[0].label == TRAINING_SEEDS else "start states of one training run"
-    fewer = "" if len(many) == len(intervals) else "; none where there are fewer"
+    fewer = ""
+    if len(many) < len(intervals):
+        fewer = "; none where there are fewer"
     methods = " or ".join(dict.fromkeys(each.method for each in many))
     return f"{what}: pointwise 95 % intervals ({methods}), n = {runs} {units}{fewer}."
 
@@ -92,8 +101,8 @@ def _curve(
 ) -> Curve:
     """Return an interval as a curve; without bounds where there are too few training runs."""
     by = np.ones_like(x) if divisor is None else divisor
-    low, high = interval.lower / by, interval.upper / by
-    return Curve(label, x, interval.estimate / by, look, low, high, intervals="band" if bands else "last")
+    kind: Literal["band", "last"] = "band" if bands else "last"
+    return Curve(label, x, interval.estimate / by, look, interval.lower / by, interval.upper / by, intervals=kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +127,12 @@ def _deployed(results: Results, setting: str, conditions: Sequence[Condition]) -
 
 
 def _markers(found: Sequence[_Deployed]) -> tuple[Marker, ...]:
-    low, high = found[0].steps[0], found[0].steps[-1]
-    horizons = sorted({at for each in found if low < (at := float(each.episodes["train_horizon"][0])) < high})
-    return tuple(Marker(at, f"longest training horizon, {wording.whole(at)} steps") for at in horizons)
+    low = found[0].steps[0]
+    high = found[0].steps[-1]
+    horizons = {float(each.episodes["train_horizon"][0]) for each in found}
+    return tuple(
+        Marker(at, f"longest training horizon, {wording.whole(at)} steps") for at in sorted(horizons) if low < at < high
+    )
 
 
 def _reward_figure(
@@ -149,14 +161,16 @@ def _clock_figure(results: Results, setting: str, kind: str, name: str) -> Itera
     if not clocks:
         return
     sweep = _deployed(results, setting, [Condition("geometric", clock) for clock in clocks.values()])
-    others, highest = _deployed(results, setting, (COUNTDOWN, PPO, UNDISCOUNTED)), max(clocks) or 1.0
-    drawn = [
-        (f"C = {wording.whole(c)}", e, charts.ordered_style(c / highest)) for c, e in zip(clocks, sweep, strict=True)
-    ]
+    others = _deployed(results, setting, (COUNTDOWN, PPO, UNDISCOUNTED))
+    highest = max(clocks) or 1.0
+    curves = []
+    for steps, each in zip(clocks, sweep, strict=True):
+        look = charts.ordered_style(steps / highest)
+        curves.append(_curve(f"C = {wording.whole(steps)}", each.steps, each.returns, look, each.steps, bands=False))
     for place, each in enumerate(others, 1):
         label = "countdown" if each.condition == COUNTDOWN else condition_words(each.condition)
-        drawn.append((label, each, replace(charts.style(place), color=charts.INK)))
-    curves = [_curve(label, e.steps, e.returns, look, e.steps, bands=False) for label, e, look in drawn]
+        look = replace(charts.style(place), color=charts.INK)
+        curves.append(_curve(label, each.steps, each.returns, look, each.steps, bands=False))
     title = f"Geometric time-to-go, {wording.clock(kind, 'C')}"
     yield _reward_figure(setting, [*sweep, *others], curves, name, title, "Bars at the right")
 
@@ -164,15 +178,14 @@ def _clock_figure(results: Results, setting: str, kind: str, name: str) -> Itera
 def _learning_figure(results: Results, setting: str) -> Iterator[Figure]:
     """Draw figure A-1: returns of the training episodes with and without a linear time-to-go."""
     mine = results.learning.filter(pl.col("setting") == setting)
-    found = {
-        name: part
-        for name in ("ppo", "linear", "linear-10-workers")
-        if len(part := mine.filter(pl.col("method") == name))
-    }
-    if not {"ppo", "linear"} <= set(found):
+    if not {"ppo", "linear"} <= set(mine["method"]):
         return
-    curves, intervals = [], []
-    for name, part in found.items():
+    curves = []
+    intervals = []
+    for name in ("ppo", "linear", "linear-10-workers"):
+        part = mine.filter(pl.col("method") == name)
+        if part.is_empty():
+            continue
         runs = part.partition_by("train_seed", maintain_order=True)
         x = np.linspace(0.0, float(part["step"].max() or 1.0), 51)[1:]  # type: ignore[arg-type]
         rows = [
@@ -214,7 +227,9 @@ def _setting_figure(
         keys = {row: (setting, each) for row, setting in enumerate(names) if (setting, each) in values}
         mine = [intervals[key] for key in keys.values()]
         mean, lower, upper = np.array([(found.estimate, *found.last()) for found in mine]).T
-        runs = [list(values[key].values()) for key in keys.values()] if rings else None
+        runs = None
+        if rings:
+            runs = [list(values[key].values()) for key in keys.values()]
         points.append(Points(condition_words(each), list(keys), mean, style(each), lower, upper, runs))
     chart = point_chart([*map(setting_words, names)], points, Axis(axis), charts.WIDE)
     note = note.format(intervals=_interval_note(list(intervals.values()), "Bars"))
@@ -223,13 +238,16 @@ def _setting_figure(
 
 def _return_figure(results: Results) -> Iterator[Figure]:
     """Draw figure 3-2: return of the test horizon by setting, as far as there is a published policy."""
-    rates = {each: rate for each in results.grid.settings if math.isfinite(rate := results.published_rate(each))}
-    shares = {
-        (each, condition): {seed: value / (rate * results.grid.steps) for seed, value in found.items()}
-        for each, rate in rates.items()
-        for condition in FIGURE_3_2
-        if (found := results.values(each, condition))
-    }
+    shares = {}
+    for setting in results.grid.settings:
+        rate = results.published_rate(setting)
+        if not math.isfinite(rate):
+            continue
+        for condition in FIGURE_3_2:
+            found = results.values(setting, condition)
+            if found:
+                whole = rate * results.grid.steps
+                shares[setting, condition] = {seed: value / whole for seed, value in found.items()}
     if shares:
         title = f"Return of {wording.whole(float(results.grid.steps))} steps"
         note = (
@@ -242,13 +260,13 @@ def _return_figure(results: Results) -> Iterator[Figure]:
 def _critic_figure(results: Results) -> Iterator[Figure]:
     """Draw the unexplained variance of the critic, by setting."""
     measure = "value variance"
-    unexplained = {
-        (setting, condition): values
-        for setting in results.grid.settings
-        for condition in map(Condition, MECHANISM_METHODS)
-        if (values := results.values(setting, condition, measure))
-    }
+    unexplained = {}
+    for setting in results.grid.settings:
+        for condition in map(Condition, MECHANISM_METHODS):
+            values = results.values(setting, condition, measure)
+            if values:
+                unexplained[setting, condition] = values
     if unexplained:
         note = "Share of the variance of the returns to go that the value does not explain. {intervals}"
-        title, axis = "What the critic leaves unexplained", "unexplained share of variance"
-        yield _setting_figure(unexplained, slug(measure), title, axis, note, rings=False)
+        title = "What the critic leaves unexplained"
+        yield _setting_figure(unexplained, slug(measure), title, "unexplained share of variance", note, rings=False)

@@ -7,12 +7,14 @@ A *row* is a setting, a method and training seeds.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from perdure.errors import PerdureError
 
-ZOO, CLEANRL = "zoo", "cleanrl"
+ZOO = "zoo"
+CLEANRL = "cleanrl"
 PHASES = {
     1: "the thesis' four methods on HalfCheetah, Hopper, Swimmer and Walker2d; figure 3-1",
     2: "the thesis' four methods on Ant",
@@ -66,12 +68,18 @@ class Row:
     @property
     def setting(self) -> str:
         """Task and preset, such as "Hopper-v3@cleanrl"."""
-        return self.task if self.preset == ZOO else f"{self.task}@{self.preset}"
+        return self.task + self._preset_suffix
 
     @property
     def key(self) -> str:
         """Place in the stores, such as "Hopper-v3/geometric@cleanrl"."""
-        return f"{self.task}/{self.method}" if self.preset == ZOO else f"{self.task}/{self.method}@{self.preset}"
+        return f"{self.task}/{self.method}{self._preset_suffix}"
+
+    @property
+    def _preset_suffix(self) -> str:
+        if self.preset == ZOO:
+            return ""
+        return f"@{self.preset}"
 
 
 @dataclass(frozen=True)
@@ -123,12 +131,9 @@ class Grid:
 def _rows(
     tasks: Iterable[str], preset: str, methods: Iterable[str], count: int, phase: int, without: Sequence[str] = ()
 ) -> tuple[Row, ...]:
-    methods = tuple(methods)
-    return tuple(
-        Row(task, method, preset, tuple(range(count)), phase, evaluated=method not in without)
-        for task in tasks
-        for method in methods
-    )
+    seeds = tuple(range(count))
+    pairs = itertools.product(tasks, methods)
+    return tuple(Row(task, method, preset, seeds, phase, method not in without) for task, method in pairs)
 
 
 THESIS_ROWS = (
@@ -152,7 +157,8 @@ LAPTOP_ROWS = (
 )
 SMOKE_ROWS = _rows(("InvertedPendulum-v4",), ZOO, (*THESIS_METHODS, "ppo-short", *WORKERS, *CONTROLS), 2, 1)
 
-_VALIDATION, _OTHER_CLOCKS = Split("validation", 1000, 2), ("periodic:500", "countdown")
+_VALIDATION = Split("validation", 1000, 2)
+_OTHER_CLOCKS = ("periodic:500", "countdown")
 _SMOKE_CLOCKS = ("constant:100", "constant:500", *_OTHER_CLOCKS)
 GRIDS = {
     grid.name: grid

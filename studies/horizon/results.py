@@ -27,7 +27,8 @@ from studies.files import read_parquet_file, write_parquet_file
 from studies.horizon.claims import SCORE, Condition
 from studies.horizon.grid import Grid
 
-TEST, VALIDATION = "test", "validation"
+TEST = "test"
+VALIDATION = "validation"
 RUN = ("setting", "method", "train_seed")
 CURVE_POINTS = 80
 """Recorded steps that are kept of an episode, at most: what a figure draws."""
@@ -157,8 +158,11 @@ def freeze_episodes(table: pl.DataFrame, setting: str, method: str, split: str) 
     episode = ("train_seed", "clock", "eval_seed")
     table = name_clocks(table).sort(*episode, "step")
     steps = table["step"].unique().sort().to_numpy()
-    kept = [int(step) for step in steps[thin(steps, CURVE_POINTS)]] if split == TEST else []
-    so_far, step = pl.col("return"), pl.col("step")
+    kept = []
+    if split == TEST:
+        kept = [int(step) for step in steps[thin(steps, CURVE_POINTS)]]
+    so_far = pl.col("return")
+    step = pl.col("step")
     rows = table.group_by(episode, maintain_order=True).agg(
         pl.exclude("step", "return", "alive").last(),
         so_far.last(),
@@ -194,7 +198,8 @@ def measure(episodes: pl.DataFrame) -> pl.DataFrame:
     def judged(found: pl.Expr) -> pl.Expr:
         return pl.when(VERDICT.ne(CannotTell.name)).then(found.cast(pl.Float64))
 
-    horizon, idle = pl.col("test_horizon"), pl.col("idle_rate")
+    horizon = pl.col("test_horizon")
+    idle = pl.col("idle_rate")
     never = pl.col("policy_state") == NeverWorked.name
     failed = pl.col("outcome").is_in(failures()) | never
     steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
@@ -249,17 +254,23 @@ class Results:
 
     def clocks(self, setting: str, condition: Condition) -> dict[int, str]:
         """Return the clock that a condition gives each training run; {} if the results do not decide it."""
-        rule, of_row = condition.clock, {"setting": setting, "method": condition.method}
-        if rule in ("chosen", "chosen periodic"):
-            swept = self.of(**of_row, split=VALIDATION)
-            return cross_validated(swept.filter(clock_kind="constant" if rule == "chosen" else "periodic"))
-        if rule == "bandit":
-            return dict(self.rules.filter(rule=rule, **of_row).select("train_seed", "clock").iter_rows())
-        row = self.grid.row(**of_row)
-        if rule == "best":
+        of_row = {"setting": setting, "method": condition.method}
+        if condition.clock == "chosen":
+            return cross_validated(self.of(**of_row, split=VALIDATION).filter(clock_kind="constant"))
+        if condition.clock == "chosen periodic":
+            return cross_validated(self.of(**of_row, split=VALIDATION).filter(clock_kind="periodic"))
+        if condition.clock == "bandit":
+            return dict(self.rules.filter(rule="bandit", **of_row).select("train_seed", "clock").iter_rows())
+        clock = condition.clock
+        if clock == "best":
             swept = self.of(**of_row).filter(clock_kind="constant")
-            rule = "" if swept.is_empty() else best_clock(swept)
-        return dict.fromkeys(row.seeds, rule) if row and rule else {}
+            if swept.is_empty():
+                return {}
+            clock = best_clock(swept)
+        row = self.grid.row(**of_row)
+        if row is None or not clock:
+            return {}
+        return dict.fromkeys(row.seeds, clock)
 
     def deployed(self, setting: str, condition: Condition) -> pl.DataFrame:
         """Return the test episodes of a condition, by training seed and start state; none where it is not evaluated."""
@@ -271,7 +282,9 @@ class Results:
     def published_rate(self, setting: str) -> float:
         """Return the reward per step of a published policy; nan where none is known."""
         rates = self.episodes.filter(setting=setting, split=TEST)["published_rate"]
-        return float(rates[0]) if len(rates) else float("nan")
+        if rates.is_empty():
+            return float("nan")
+        return float(rates[0])
 
 
 def read_results(grid: Grid, out: Path) -> Results:
@@ -287,20 +300,19 @@ def select(
     grid: Grid, episodes: pl.DataFrame, learning: pl.DataFrame, mechanism: pl.DataFrame, clocks: pl.DataFrame
 ) -> Results:
     """Return the rows of the frozen tables that belong to a grid."""
-    seeds = [
-        (row.setting, row.method, seed, place, row.evaluated)
-        for place, row in enumerate(grid.rows)
-        for seed in row.seeds
-    ]
+    seeds = []
+    for place, row in enumerate(grid.rows):
+        seeds += [(row.setting, row.method, seed, place, row.evaluated) for seed in row.seeds]
     kinds = {**_RUN_COLUMNS, "row": pl.Int64, "evaluated": pl.Boolean}
     order = pl.DataFrame(seeds, schema=kinds, orient="row")
 
     def known(frame: pl.DataFrame) -> pl.DataFrame:
         return frame.join(order, on=RUN).sort("row", "train_seed", maintain_order=True)
 
-    seed, split = pl.col("eval_seed"), pl.col("split")
+    seed = pl.col("eval_seed")
     spans = [
-        (split == each.name) & (seed >= each.first_seed) & (seed < each.first_seed + each.seeds) for each in grid.splits
+        (pl.col("split") == each.name) & (seed >= each.first_seed) & (seed < each.first_seed + each.seeds)
+        for each in grid.splits
     ]
     mine = known(episodes).filter(pl.any_horizontal(spans) & pl.col("evaluated"))
     others = (known(each).drop("row", "evaluated") for each in (learning, mechanism, clocks))
@@ -317,8 +329,9 @@ def cross_validated(validation: pl.DataFrame) -> dict[int, str]:
         validation: Runs of one row, as `Results.of` gives them, under the clocks to choose among.
     """
     seeds = validation["train_seed"].unique().sort().to_list()
-    others = {seed: validation.filter(pl.col("train_seed") != seed) for seed in seeds}
-    return {seed: best_clock(runs if len(seeds) > 1 else validation) for seed, runs in others.items()}
+    if len(seeds) == 1:
+        return {seeds[0]: best_clock(validation)}
+    return {seed: best_clock(validation.filter(pl.col("train_seed") != seed)) for seed in seeds}
 
 
 def best_clock(runs: pl.DataFrame) -> str:

@@ -15,6 +15,7 @@ The critic was trained on the noisy policy and is tested on its mean.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Sequence
@@ -45,8 +46,10 @@ LONGEST_TAIL = 1000
 """Steps after the horizon that a discounted return to go counts at most."""
 NEGLIGIBLE_WEIGHT = 0.01
 """A reward this strongly discounted is left out."""
-HALVING_SEEDS, HALVING_STEPS = 2, 500
-"""Start states of each candidate in each round of halving, and steps in the first."""
+HALVING_SEEDS = 2
+"""Start states of each candidate in each round of halving."""
+HALVING_STEPS = 500
+"""Steps in the first round."""
 HALVING_SEED = 4000
 """First of the start states of halving, which no split uses."""
 
@@ -99,12 +102,13 @@ def measure(work: Work, *, path: str) -> None:
     """Write the mechanism measures of one policy as [name, at, value], `at` null for those of the whole run."""
     policy = load_policy(path)
     horizons = draw_horizons(policy, ROLLOUTS)
-    timed = policy.protocol.embedding is not None
-    rollout = roll_out(
-        policy,
-        [Countdown(float(horizon)) if timed else None for horizon in horizons],
-        int(horizons.max()) + (tail_steps(policy) if has_target(policy) else 0),
-    )
+    clocks: list[Clock | None] = [None] * ROLLOUTS
+    if policy.protocol.embedding is not None:
+        clocks = [Countdown(float(horizon)) for horizon in horizons]
+    steps = int(horizons.max())
+    if has_target(policy):
+        steps += tail_steps(policy)
+    rollout = roll_out(policy, clocks, steps)
     rows: list[list[Any]] = [["reward", *row] for row in rewards_to_go(rollout, horizons).iter_rows()]
     rows += [[name, None, value] for name, value in value_measures(policy, rollout, horizons).items()]
     write_atomic(work.folder / RESULT, json.dumps([row for row in rows if math.isfinite(row[2])]) + "\n")
@@ -155,7 +159,8 @@ def returns_to_go(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64])
     rewards = rollout.rewards
     if policy.protocol.end == "terminated":
         rewards = np.where(np.arange(len(rewards))[:, None] < horizons[None, :], rewards, 0.0)
-    found, following = np.empty_like(rewards), np.zeros(rewards.shape[1])
+    found = np.empty_like(rewards)
+    following = np.zeros(rewards.shape[1])
     for step in range(len(rewards) - 1, -1, -1):
         following = rewards[step] + policy.protocol.gamma * following
         found[step] = following
@@ -171,7 +176,10 @@ def value_measures(policy: Policy, rollout: Rollout, horizons: NDArray[np.int64]
     horizon = np.broadcast_to(horizons.astype(np.float64)[None, :], within.shape)[within]
     values = policy.value(rollout.observations[within], elapsed, horizon)
     returns = returns_to_go(policy, rollout, horizons)[within]
-    if (spread := float(returns.std()) if len(returns) > 1 else 0.0) == 0.0:
+    if len(returns) < 2:
+        return {}
+    spread = float(returns.std())
+    if spread == 0.0:
         return {}
     return {"value variance": float((returns - values).var()) / spread**2}
 
@@ -189,13 +197,19 @@ def choose_by_halving(policy: Policy, candidates: Sequence[Constant], most_steps
         most_steps: No rollout is longer.
     """
     left = list(candidates)
-    steps, seed, made = min(HALVING_STEPS, most_steps), HALVING_SEED, 0
+    steps = min(HALVING_STEPS, most_steps)
+    first_seed = HALVING_SEED
+    made = 0
     while len(left) > 1:
-        episodes = [EpisodeSpec(0, clock, seed + k, steps=steps) for clock in left for k in range(HALVING_SEEDS)]
+        # A short rollout of each candidate from each start state.
+        seeds = range(first_seed, first_seed + HALVING_SEEDS)
+        episodes = [EpisodeSpec(0, clock, seed, steps=steps) for clock, seed in itertools.product(left, seeds)]
         records = evaluate_episodes([policy], episodes)
         made += int(records.end_step.sum())
+        # The better half stays, in its order.
         earned = records.returns[:, -1].reshape(len(left), HALVING_SEEDS).mean(axis=1)
         keep = sorted(range(len(left)), key=lambda k: -earned[k])[: (len(left) + 1) // 2]
         left = [left[k] for k in sorted(keep)]
-        steps, seed = min(2 * steps, most_steps), seed + HALVING_SEEDS
+        steps = min(2 * steps, most_steps)
+        first_seed += HALVING_SEEDS
     return left[0], made

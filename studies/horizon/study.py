@@ -48,8 +48,12 @@ QUESTION = "Does a policy trained in finite episodes hold for 100,000 steps, and
 SCALES = {"smoke": None, "laptop": None, "thesis": Path("results", "horizon")}
 """Name of a scale to the folder of its results, if they are kept in the repository."""
 __all__ = ["PHASES", "QUESTION", "SCALES", "analyze", "collect", "plan"]
-POLICY, TABLE = "policy.safetensors", "episodes.parquet"
-EVALUATION, MECHANISM, RULES = "evaluation", "mechanism", "clocks"
+POLICY = "policy.safetensors"
+TABLE = "episodes.parquet"
+EVALUATION = "evaluation"
+MECHANISM = "mechanism"
+RULES = "clocks"
+STAGES = (EVALUATION, MECHANISM, RULES)
 """Stages after the training: the beginning of the keys of their units."""
 
 
@@ -103,7 +107,9 @@ def train_run(grid: Grid, row: Row) -> TrainRun:
 def row_config(grid: Grid, row: Row) -> PPOConfig:
     """Return the learner's settings of a row."""
     config = method_config(row.method, row.task, task_spec(row.task).observation_size, row.preset)
-    return config if grid.training_steps is None else replace(config, total_steps=grid.training_steps)
+    if grid.training_steps is not None:
+        config = replace(config, total_steps=grid.training_steps)
+    return config
 
 
 def evaluate(work: Work, *, path: str, clocks: Sequence[str], steps: int, first: int, seeds: int) -> None:
@@ -122,15 +128,18 @@ def collect(store: Path, out: Path) -> list[Path]:
 
     Training runs of `perdure train --out STORE` are units of it too, whether or not a grid names them.
     """
-    finished, stages = Store(store), (EVALUATION, MECHANISM, RULES)
+    finished = Store(store)
     seeds = [key for key in finished.keys("") if key.rpartition("/")[2].startswith("seed-")]
-    keys = [key for key in seeds if key.count("/") == 2 or key.partition("/")[0] in stages]
+    keys = [key for key in seeds if key.count("/") == 2 or key.partition("/")[0] in STAGES]
     parts: dict[FrozenTable, list[pl.DataFrame]] = {table: [] for table in TABLES}
     policies = []
     for key in keys:
-        folder, (*stage, task, variant, seed) = finished.get(key), key.split("/")
-        method, _, preset = variant.partition("@")
-        setting, train_seed = f"{task}@{preset}" if preset else task, int(seed.removeprefix("seed-"))
+        folder = finished.get(key)
+        # Of a training run: TASK/METHOD@PRESET/seed-K; of later units STAGE/... before it.
+        *stage, task, variant, seed = key.split("/")
+        method, at, preset = variant.partition("@")
+        setting = f"{task}{at}{preset}"
+        train_seed = int(seed.removeprefix("seed-"))
         if not stage:
             if (folder / POLICY).is_file():  # of some early runs only the curves were kept
                 policy = load_policy(folder / POLICY).without_critic()
@@ -141,13 +150,12 @@ def collect(store: Path, out: Path) -> list[Path]:
             parts[EPISODES].append(freeze_episodes(read_table(folder / TABLE)[0], setting, method, stage[1]))
         else:
             rows = json.loads((folder / RESULT).read_text())
-            table = MECHANISMS if stage[0] == MECHANISM else CLOCKS
+            table = CLOCKS
+            if stage[0] == MECHANISM:
+                table = MECHANISMS
+                rows = [{"measure": measure, "at": steps, "result": result} for measure, steps, result in rows]
             named = {"setting": setting, "method": method, "train_seed": train_seed}
-            found = [
-                named | (dict(zip(("measure", "at", "result"), row, strict=True)) if table is MECHANISMS else row)
-                for row in rows
-            ]
-            parts[table].append(pl.DataFrame(found, schema=table.columns))
+            parts[table].append(pl.DataFrame([named | row for row in rows], schema=table.columns))
     return [*(table.add(out, pl.concat(found)) for table, found in parts.items() if found), *policies]
 
 
@@ -170,4 +178,6 @@ def analyze(scale: str, out: Path) -> list[Path]:
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in all_tables(results).items()]
     written += save(all_figures(results), out / "figures", ("svg",))
     page = out / "README.md"
-    return [*written, include_tables(page, page_tables(results))] if page.is_file() else written
+    if page.is_file():
+        written.append(include_tables(page, page_tables(results)))
+    return written

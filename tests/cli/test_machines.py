@@ -90,7 +90,7 @@ def test_a_folder_of_rl_zoo_names_its_environment_and_normalizer(command, tmp_pa
     assert found.returncode == 0, found.stderr
     assert "env Pendulum-v1, normalizer logs/ppo/Pendulum-v1_1/Pendulum-v1/vecnormalize.pkl" in found.stderr
     several = command("extrapolate", *[FIXTURES / "ppo.zip"] * 2, "--normalizer", FIXTURES / "ppo.pkl", cwd=tmp_path)
-    assert "it belongs to one model, and 2 are given" in several.stderr
+    assert "2 are given" in several.stderr
     given = command(
         *("extrapolate", FIXTURES / "ppo.zip", "--env", "Pendulum-v1", "--normalizer", FIXTURES / "ppo.pkl"),
         *(*SHORT, "--on", "here", "--out", "given"),

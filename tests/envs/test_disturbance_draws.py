@@ -7,11 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from perdure.disturbances import STANDARDS, Disturber, change_model, horizontal_velocities, parse_disturbance
+from perdure.disturbances import STANDARDS, Disturber, parse_disturbance
+from perdure.disturbances.kinds import horizontal_velocities
 from perdure.envs.disturbances import DisturbedWorld
 from perdure.envs.gymnasium import GymnasiumWorld
 from perdure.wrappers import Disturb
-from tests.envs.test_disturbances import BOX, Echo, echoed
+from tests.envs.test_disturbances import BOX, Echo, change, echoed
 
 
 def test_noise_does_not_repeat_with_its_blocks():
@@ -63,7 +64,7 @@ def test_mass_brings_inertia_and_friction_is_sliding_friction_of_pairs_too():
     )
     xml = BOX.replace("<geom ", '<geom name="box" ').replace("</worldbody>", floor).format("")
     usual, changed = (mujoco.MjModel.from_xml_string(xml) for _ in range(2))
-    change_model(changed, {"mass": 1.2, "friction": 0.5})
+    change(changed, "mass:1.2", "friction:0.5")
     np.testing.assert_allclose(changed.body_inertia[1], 1.2 * usual.body_inertia[1])
     np.testing.assert_allclose(changed.pair_friction[:, :2], 0.5 * usual.pair_friction[:, :2])
     np.testing.assert_allclose(changed.geom_friction[:, 1:], usual.geom_friction[:, 1:])

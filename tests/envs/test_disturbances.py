@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from perdure.disturbances import KINDS, change_model, parse_disturbance, parse_disturbances
+from perdure.disturbances import Disturber, Effect, parse_disturbance, parse_disturbances
 from perdure.envs import make_world
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.gymnasium import GymnasiumWorld
@@ -103,9 +103,15 @@ BOX = """<mujoco><worldbody><body name="root" pos="0 0 1"><freejoint/>
 <geom type="box" size=".1 .2 .3" euler="20 30 40" mass="5"/>{}</body></worldbody></mujoco>"""
 
 
+def change(model, *texts):
+    """Disturb a model of MuJoCo; return the disturber, whose lane 0 it is."""
+    env = SimpleNamespace(unwrapped=SimpleNamespace(model=model, data=mujoco.MjData(model)))
+    return Disturber("a box", parse_disturbances(texts), [0], None, None, [env])
+
+
 def test_a_payload_equals_a_small_heavy_ball_in_front_of_the_center():
     mine = mujoco.MjModel.from_xml_string(BOX.format(""))
-    change_model(mine, {"payload": 0.2})
+    change(mine, "payload:0.2")
     ball = '<geom type="sphere" size="1e-4" mass="1" pos="0.1 0 0"/>'
     theirs = mujoco.MjModel.from_xml_string(BOX.format(ball))
 
@@ -121,7 +127,7 @@ def test_a_payload_equals_a_small_heavy_ball_in_front_of_the_center():
 
 def test_on_a_slope_a_free_body_falls_backward():
     model = mujoco.MjModel.from_xml_string(BOX.format(""))
-    change_model(model, {"slope": 30.0})
+    change(model, "slope:30")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.qacc[:3] == pytest.approx([-0.5 * 9.81, 0.0, -(3**0.5) / 2 * 9.81])
@@ -271,6 +277,6 @@ def test_a_world_that_cannot_be_pushed_says_which_can():
 
 
 def test_labels_are_read_again():
-    for name in KINDS:
-        text = f"{name}:0" if name == "action_delay" else f"{name}:0.5"
+    for name, kind in Effect.kinds().items():
+        text = f"{name}:{kind.example:g}"
         assert parse_disturbance(text).label == text

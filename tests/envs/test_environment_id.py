@@ -41,7 +41,7 @@ def test_some_names_exist_in_both_so_that_the_rule_decides():
 
 @pytest.mark.parametrize("name", ["Hoper-v5", "envpool:Hoper-v5"])
 def test_an_unknown_name_is_refused_with_the_nearest(name):
-    with pytest.raises(PerdureError, match=r"no task named 'Hoper-v5'.* did you mean .*Hopper-v5"):
+    with pytest.raises(PerdureError, match=r"'Hoper-v5'.*Hopper-v5"):
         task_of_environment(name)
 
 

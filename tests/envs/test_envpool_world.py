@@ -158,7 +158,7 @@ def test_the_largest_seed_and_repeated_seeds_are_legal() -> None:
 
 
 def test_zero_threads_are_refused() -> None:
-    with pytest.raises(PerdureError, match="threads must be at least 1, got 0"):
+    with pytest.raises(PerdureError, match=r"threads.*0"):
         make_world("Hopper-v3", [1], threads=0)
 
 

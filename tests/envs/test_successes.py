@@ -84,7 +84,7 @@ def test_what_is_neither_true_nor_false_is_no_report_unless_it_is_asked_for(said
     world.reset()
     assert np.isnan(world.step(np.zeros((1, 1))).successes).all()
     report_success(world, "is_success")
-    with pytest.raises(PerdureError, match=r"info\['is_success'\] must be True or False after every step, it is "):
+    with pytest.raises(PerdureError, match="is_success"):
         world.step(np.zeros((1, 1)))
 
 
@@ -93,7 +93,7 @@ def test_a_named_entry_that_is_not_there_is_refused_with_those_that_are(vector):
     built = [lambda: Said([True])] * 2
     world = VectorEnvWorld(SyncVectorEnv(built), [0, 1]) if vector else GymnasiumWorld(built, [0, 1])
     report_success(world, "solved").reset()
-    with pytest.raises(PerdureError, match=r"info\['solved'\].*is missing; there are distance, is_success"):
+    with pytest.raises(PerdureError, match=r"solved.*distance, is_success"):
         world.step(np.zeros((2, 1)))
 
 
@@ -108,7 +108,7 @@ def test_engines_without_infos_report_none_and_refuse_a_name():
     world = make_world("InvertedPendulum-v4", [0])
     world.reset()
     assert world.step(np.zeros((1, 1))).successes is None
-    with pytest.raises(PerdureError, match="EnvPool's tasks have none"):
+    with pytest.raises(PerdureError, match="EnvPool"):
         report_success(world, "is_success")
     world.close()
 

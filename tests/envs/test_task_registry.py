@@ -51,7 +51,7 @@ def test_the_list_states_default_horizons() -> None:
     ],
 )
 def test_a_mistyped_task_is_answered_with_the_nearest_names(wrong: str, right: str) -> None:
-    with pytest.raises(PerdureError, match=f"no task named '{wrong}'.* did you mean .*{right}"):
+    with pytest.raises(PerdureError, match=f"'{wrong}'.*{right}"):
         make_world(wrong, [1])
 
 
@@ -76,7 +76,7 @@ def test_what_a_world_sets_itself_is_no_option_in_a_task_name(option: str) -> No
 
 
 def test_an_unknown_suite_is_answered_with_the_suites() -> None:
-    with pytest.raises(PerdureError, match="no task suite named 'Atari'") as caught:
+    with pytest.raises(PerdureError, match="'Atari'") as caught:
         list_tasks("Atari")
     assert all(suite in str(caught.value) for suite in SUITES)
 

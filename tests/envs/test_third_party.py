@@ -101,7 +101,7 @@ def test_numbers_of_other_kinds_are_taken_for_what_they_are():
 
 
 def test_an_environment_that_cannot_be_made_is_named():
-    with pytest.raises(PerdureError, match="mine: making it raised OSError: no such robot"):
+    with pytest.raises(PerdureError, match=r"mine.*no such robot"):
         GymnasiumWorld([raises(OSError("no such robot"))], [0], "mine")
 
 
@@ -168,16 +168,16 @@ def test_training_says_in_one_line_which_environment_broke_where(module, tmp_pat
 def test_a_module_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
     (tmp_path / "perdure_test_exits.py").write_text("import sys; sys.exit('bye')")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(PerdureError, match="importing perdure_test_exits raised SystemExit: bye"):
+    with pytest.raises(PerdureError, match=r"perdure_test_exits.*bye"):
         make_world("gymnasium:perdure_test_exits:Id-v0", [0])
-    with pytest.raises(PerdureError, match="No module named 'perdure_test_absent'; put its folder on PYTHONPATH"):
+    with pytest.raises(PerdureError, match=r"perdure_test_absent.*PYTHONPATH"):
         make_world("gymnasium:perdure_test_absent:Id-v0", [0])
 
 
 @pytest.mark.parametrize("reward", [float("nan"), 1e308])
 def test_training_names_the_environment_whose_rewards_nobody_can_learn_from(tmp_path, reward):
     gymnasium.register("perdure-test-Unpaid-v0", lambda: Broken(lambda: (np.zeros(3), reward, False, False, {})))
-    with pytest.raises(PerdureError, match=r"gymnasium:perdure-test-Unpaid-v0: step returned .* rewards \[") as refusal:
+    with pytest.raises(PerdureError, match=r"Unpaid-v0.*rewards \[") as refusal:
         train(TrainRun("gymnasium:perdure-test-Unpaid-v0", "ppo", SHORT), tmp_path / "out", cores=1)
     assert "JAX" not in str(refusal.value)
     gymnasium.registry.pop("perdure-test-Unpaid-v0")
@@ -186,7 +186,7 @@ def test_training_names_the_environment_whose_rewards_nobody_can_learn_from(tmp_
 def test_rewards_that_add_up_to_infinity_are_blamed_on_the_environment():
     world = GymnasiumWorld([lambda: Dazzling()], [0], "mine", default_horizon=10)
     policy = FunctionPolicy(lambda seen: np.zeros((len(seen), 1)), TaskInfo("mine", 3, (-1.0,), (1.0,)))
-    with pytest.raises(PerdureError, match="mine: rewards within the training horizon add up to inf"):
+    with pytest.raises(PerdureError, match=r"mine.*inf"):
         measure_reference(policy, 1, world)
 
 

@@ -103,10 +103,10 @@ def test_an_ended_lane_is_refused_until_it_is_reset_and_the_refusal_moves_nothin
 
 @every_sample
 def test_lanes_that_were_never_reset_are_refused(world: World) -> None:
-    with pytest.raises(PerdureError, match="Lanes 0, 1, 2 were never reset"):
+    with pytest.raises(PerdureError, match="0, 1, 2"):
         world.step(plan(world)[0])
     world.reset(np.array([1]))
-    with pytest.raises(PerdureError, match="Lanes 0, 2 were never reset"):
+    with pytest.raises(PerdureError, match="0, 2"):
         world.step(plan(world)[0])
     assert world.step(plan(world)[0][1:2], np.array([1])).elapsed.tolist() == [1]
 

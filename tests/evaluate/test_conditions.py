@@ -139,8 +139,8 @@ def test_conditions_stand_in_one_table_and_later_ones_run_alone(tmp_path):
 
 def test_calm_and_disturbed_episodes_of_other_lengths_share_a_table_a_report_and_a_process(monkeypatch, tmp_path):
     """The default, with short parts; in workers and in this process alike."""
-    monkeypatch.setattr("perdure.evaluate.episodes.DISTURBED_STEPS", 90)
-    monkeypatch.setattr("perdure.evaluate.episodes.DISTURBED_SEEDS", 3)
+    monkeypatch.setattr("perdure.evaluate.options.DISTURBED_STEPS", 90)
+    monkeypatch.setattr("perdure.evaluate.options.DISTURBED_SEEDS", 3)
     asked = Extrapolation(PPO, 150, eval_seeds=2)
     by_file = evaluate_files(asked, tmp_path / "file", on="here")
     shape = by_file.final().select("disturbance", "eval_seed", "test_horizon").rows()

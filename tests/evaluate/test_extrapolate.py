@@ -21,7 +21,8 @@ from perdure.evaluate import EpisodeSpec, Extrapolation, ExtrapolationResult, ev
 from perdure.evaluate.episodes import split
 from perdure.evaluate.judge import read_judged
 from perdure.evaluate.reference import read_idle
-from perdure.evaluate.stored import _finished, _setups, evaluate_group
+from perdure.evaluate.run import read_file
+from perdure.evaluate.stored import Source, Worlds, evaluate_group
 from perdure.horizon import Constant, Countdown, Periodic
 from perdure.policy import TaskInfo, find_policy, save_policy
 from perdure.report import read_table
@@ -164,17 +165,25 @@ def test_one_policy_under_two_names_is_refused(policies, tmp_path):
         evaluate_files(calm((policies[0], copy), steps=5), tmp_path / "out", cores=1)
 
 
-@pytest.mark.parametrize(
-    "episode", [["x" * 64], "x", [["x"], None, 0], ["x", {"name": "constant"}, 0], ["x", None, "0"]]
-)
-def test_a_group_of_episodes_that_cannot_be_read_is_named(tmp_path, episode):
+def test_a_group_of_episodes_that_cannot_be_read_is_named(evaluation, tmp_path):
+    small = replace(evaluation, steps=5)
+    evaluate_files(small, tmp_path, on="here")
     store = Store(tmp_path)
-    setups = _setups("InvertedPendulum-v4", [EpisodeSpec(0, None, 0, steps=5)])
-    (shared,) = setups.values()
-    with store.workspace("groups/a", {**shared, "episodes": [episode]}):
+    config = store.config(store.keys("groups")[0])
+    with store.workspace("groups/a", {**config, "episodes": "all"}):
         pass
     with pytest.raises(PerdureError, match="groups/a"):
-        _finished(store, setups)
+        evaluate_files(small, tmp_path, on="here")
+
+
+def test_the_default_clock_is_the_same_as_its_text_whatever_the_number_is_stored_as(tmp_path):
+    own = replace(policy_for(HOPPER, seed=2, phi=True), clock=Constant(500))
+    path = save_policy(own, tmp_path / "whole.safetensors")
+    evaluate_files(calm((path,), 5, eval_seeds=1), tmp_path / "out", on="here")
+    started = []
+    again = calm((path,), 5, ("constant:500",), 1)
+    evaluate_files(again, tmp_path / "out", on="here", observe=started.append)
+    assert started == []
 
 
 @pytest.mark.parametrize("at", [0.6, 0.9])
@@ -212,9 +221,10 @@ def test_a_damaged_measurement_of_an_idle_robot_is_named(tmp_path, text):
 
 def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_path):
     work = Work(tmp_path, 1, lambda *done, **facts: None)
-    file = {"path": str(policies[0]), "digest": "0" * 64, "task": "Hopper-v3", "horizon": None}
+    changed = Source("0" * 64, partial(read_file, policies[0], "0" * 64, "Hopper-v3", None))
+    asked = {"references": [None], "episodes": [EpisodeSpec(0, None, 0, steps=5)], "worlds": Worlds("Hopper-v3")}
     with pytest.raises(PerdureError, match="has changed"):
-        evaluate_group(work, files={"0" * 64: file}, episodes=[["0" * 64, None, 0]], steps=5, disturb=[], label="none")
+        evaluate_group(work, sources=[changed], **asked)
 
 
 def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
@@ -296,7 +306,6 @@ class TestClocks:
         ({"eval_seeds": 0}, "eval_seeds"),
         ({"max_episodes": 0}, "max_episodes"),
         ({"clocks": ()}, "clock"),
-        ({"policies": ()}, "policy"),
         ({"policies": "mine"}, "policies must be a tuple, got 'mine'"),
         ({"policies": (3,)}, "policies must be a list or tuple of strings or paths"),
         ({"clocks": "constant:5"}, "clocks must be a tuple, got 'constant:5'"),
@@ -309,6 +318,11 @@ class TestClocks:
 def test_an_evaluation_of_nothing_is_refused_by_name(policies, change, word):
     with pytest.raises(PerdureError, match=word):
         Extrapolation(**({"policies": policies} | change))
+
+
+def test_an_evaluation_of_no_file_is_refused():
+    with pytest.raises(PerdureError, match="name at least one policy file"):
+        evaluate_files(Extrapolation())
 
 
 def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policies, tmp_path):

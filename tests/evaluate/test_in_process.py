@@ -243,7 +243,6 @@ def test_a_discrete_action_out_of_range_is_refused():
     [
         ({"steps": 0}, "steps must be at least 1"),
         ({"training_horizon": 0}, "training_horizon must be at least 1"),
-        ({"clocks": "default"}, "stores no clock"),
         ({"clocks": 500}, "clocks must be a list or tuple of strings, got 500"),
         ({"steps": 10.5}, "steps must be a whole number, got 10.5"),
         ({"training_horizon": "1000"}, "training_horizon must be a whole number, got '1000'"),
@@ -254,6 +253,37 @@ def test_a_discrete_action_out_of_range_is_refused():
 def test_numbers_that_make_no_sense_are_refused(options, message):
     with pytest.raises(PerdureError, match=message):
         extrapolate(lambda seen, **time: still(seen), Falling, **{"steps": 10, **options})
+
+
+def test_an_unknown_option_is_refused_with_the_nearest_one():
+    with pytest.raises(PerdureError, match=r"no option 'eval_seed'.*did you mean 'eval_seeds'"):
+        extrapolate(still, Falling, eval_seed=1)
+
+
+def test_options_may_be_one_object_and_keywords_stand_over_it():
+    asked = Extrapolation(steps=20, eval_seeds=3, disturb=("none",))
+    found = perdure.extrapolate(still, Falling, asked, eval_seeds=2)
+    assert found.frame.equals(extrapolate(still, Falling, steps=20, eval_seeds=2).frame)
+    with pytest.raises(PerdureError, match="policies as its first argument"):
+        perdure.extrapolate(still, Falling, Extrapolation(("Hopper-v3/ppo",)))
+
+
+def test_a_function_whose_clock_is_the_default_is_called_without_time():
+    assert extrapolate(still, Falling, steps=5, eval_seeds=1, clocks="default").frame["clock"].unique().item() == "none"
+
+
+def test_a_function_that_fails_ends_the_evaluation_at_once():
+    """The episodes of other conditions, hours of them perhaps, are not run first."""
+    calls = []
+
+    def fails_when_deployed(seen):
+        calls.append(len(seen))
+        return still(seen) if len(seen) == 20 else None
+
+    options = {"steps": 5, "training_horizon": 3, "eval_seeds": 2, "disturb": "action_noise:0,0.1"}
+    with pytest.raises(PerdureError, match=r"must have shape \(2, 1\)"):
+        perdure.extrapolate(fails_when_deployed, Falling, **options)
+    assert [n for n in calls if n != 20] == [2]
 
 
 def test_steps_may_be_a_whole_float():

@@ -15,8 +15,8 @@ import perdure
 from perdure.envs.gymnasium import GymnasiumWorld
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError
-from perdure.evaluate import EpisodeSpec
-from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation, MovementRecorder
+from perdure.evaluate import EpisodeSpec, Extrapolation
+from perdure.evaluate.episodes import FIRST_EVAL_SEED, MovementRecorder
 from perdure.evaluate.reference import Idle, _idle_actions, _joined, _RunningStd, measure_idle
 from perdure.evaluate.table import episode_table
 from perdure.evaluate.verdict import make_score_scale

@@ -64,7 +64,7 @@ def test_a_finished_countdown_stays_at_nothing_left():
 @pytest.mark.parametrize("kind", [Countdown, Constant, Periodic])
 @pytest.mark.parametrize("steps", [-1, -0.5, float("nan")])
 def test_fewer_than_no_steps_are_refused(kind, steps):
-    with pytest.raises(PerdureError, match=f"a {kind.name} clock needs 0 steps or more, got {steps}"):
+    with pytest.raises(PerdureError, match=f"{kind.name}.*got {steps}"):
         kind(steps)
 
 
@@ -93,19 +93,17 @@ def test_the_command_line_writes_a_clock_as_name_and_steps():
 
 @pytest.mark.parametrize("text", ["constant", "constant:", "500", "", "constant:many"])
 def test_text_without_steps_is_refused_with_an_example(text):
-    with pytest.raises(PerdureError, match="for example constant:500"):
+    with pytest.raises(PerdureError, match="constant:500"):
         parse_clock(text)
 
 
 def test_an_unknown_clock_is_refused_with_the_known_ones():
-    with pytest.raises(
-        PerdureError, match=r"unknown Clock 'sundial'; the known ones are constant, countdown, .*periodic"
-    ):
+    with pytest.raises(PerdureError, match=r"'sundial'.*constant, countdown, .*periodic"):
         parse_clock("sundial:3")
 
 
 def test_negative_steps_on_the_command_line_are_refused():
-    with pytest.raises(PerdureError, match="0 steps or more, got -5"):
+    with pytest.raises(PerdureError, match="got -5"):
         parse_clock("constant:-5")
 
 
@@ -131,7 +129,7 @@ def test_lanes_that_do_not_fit_are_refused():
     with pytest.raises(PerdureError, match="at least one clock"):
         LaneClocks([])
     two = LaneClocks([Constant(1), Constant(2)])
-    with pytest.raises(PerdureError, match=r"shape \(2,\), one number a lane, got \(3,\)"):
+    with pytest.raises(PerdureError, match=r"\(2,\).*\(3,\)"):
         two.time([0, 0, 0])
 
 

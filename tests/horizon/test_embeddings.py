@@ -157,13 +157,13 @@ def test_the_sizes_are_those_of_the_thesis(task, observation_size, size):
 
 @pytest.mark.parametrize("size", [0, -1, 2.5, "ten"])
 def test_a_geometric_embedding_without_whole_components_is_refused(size):
-    with pytest.raises(PerdureError, match=f"at least 1, got {size!r}"):
+    with pytest.raises(PerdureError, match=f"got {size!r}"):
         Geometric(size)
 
 
 @pytest.mark.parametrize(("low", "high"), [(-0.1, 1.0), (0.99, 1.01), (1.0, 0.99), (float("nan"), 1.0)])
 def test_factors_outside_0_and_1_are_refused(low, high):
-    with pytest.raises(PerdureError, match=r"0 <= low <= high <= 1"):
+    with pytest.raises(PerdureError, match="low <= high"):
         Geometric(3, low, high)
 
 
@@ -194,5 +194,5 @@ def test_the_time_feature_is_that_of_the_wrapper_to_the_last_bit(horizon, elapse
 
 @pytest.mark.parametrize("bad", [0, -1, 2.5])
 def test_a_time_feature_of_no_steps_is_refused(bad):
-    with pytest.raises(PerdureError, match=f"at least 1, got {bad}"):
+    with pytest.raises(PerdureError, match=f"got {bad}"):
         TimeFeature(bad)

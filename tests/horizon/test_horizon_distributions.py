@@ -53,17 +53,17 @@ def test_the_longest_horizon_is_known():
 
 
 def test_a_shortest_horizon_above_the_longest_is_refused():
-    with pytest.raises(PerdureError, match=r"the shortest horizon \(1000\) must not exceed the longest \(200\)"):
+    with pytest.raises(PerdureError, match=r"1000.*200"):
         Uniform(1000, 200)
 
 
 @pytest.mark.parametrize("steps", [0, -3, 1.5, 1e3, float("nan"), float("inf")])
 def test_horizons_that_are_no_whole_steps_are_refused(steps):
-    with pytest.raises(PerdureError, match=f"a whole number of steps, at least 1, got {steps}"):
+    with pytest.raises(PerdureError, match=f"got {steps}"):
         Fixed(steps)
-    with pytest.raises(PerdureError, match="must be a whole number of steps"):
+    with pytest.raises(PerdureError, match="whole number"):
         Uniform(steps, 1000)
-    with pytest.raises(PerdureError, match="must be a whole number of steps"):
+    with pytest.raises(PerdureError, match="whole number"):
         Uniform(1, steps)
 
 

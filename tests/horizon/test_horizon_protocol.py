@@ -115,7 +115,7 @@ def test_an_edited_protocol_is_refused_by_name(change, sentence):
 def test_missing_parts_are_named():
     values = THESIS.to_json()
     del values["gamma"], values["end"]
-    with pytest.raises(PerdureError, match=r"cannot be read: missing end, gamma$"):
+    with pytest.raises(PerdureError, match=r"end, gamma$"):
         HorizonProtocol.from_json(values)
 
 

@@ -82,7 +82,7 @@ def test_as_a_dictionary_phi_stands_beside_the_observation():
 
 def test_dictionary_observations_can_only_stand_beside_phi():
     limit = HorizonLimit(Stumbling(as_dict=True), Fixed(4), "terminated")
-    with pytest.raises(PerdureError, match="use dict=True, or flatten them first"):
+    with pytest.raises(PerdureError, match="dict=True"):
         TimeToGoObservation(limit, Linear())
     env = TimeToGoObservation(limit, Linear(), dict=True)
     assert env.observation_space.contains(env.reset(seed=0)[0])
@@ -97,14 +97,14 @@ def test_a_float32_observation_stays_float32():
 
 def test_whole_numbers_cannot_carry_phi():
     frozen_lake = gymnasium.make("FrozenLake-v1", max_episode_steps=-1)
-    with pytest.raises(PerdureError, match=r"phi cannot be appended to observations in Discrete\(16\)"):
+    with pytest.raises(PerdureError, match=r"Discrete\(16\)"):
         TimeToGoObservation(frozen_lake, Linear(), clock=Constant(5))
 
 
 def test_without_horizon_or_clock_nothing_can_be_told():
-    with pytest.raises(PerdureError, match="needs a HorizonLimit below it, or a clock"):
+    with pytest.raises(PerdureError, match="HorizonLimit"):
         TimeToGoObservation(Stumbling(), Linear())
-    with pytest.raises(PerdureError, match="needs a HorizonLimit below it, or a clock"):
+    with pytest.raises(PerdureError, match="HorizonLimit"):
         TimeToGoObservation(gymnasium.wrappers.TimeLimit(Stumbling(), 4), Linear())
 
 

@@ -28,15 +28,14 @@ def estimate(
     values,
     last_values,
     *,
-    terminated=NEVER,
-    truncated=NEVER,
-    horizon_end=NEVER,
     horizon_terminates=False,
     gamma=0.9,
     gae_lambda=0.95,
+    **steps_of_ends,
 ):
-    """Advantages of one environment; all arguments in NumPy, shape (steps,), values one longer."""
-    ends = Ends(*(jnp.asarray(flags)[:, None] for flags in (terminated, truncated, horizon_end)))
+    """Advantages of one environment; all arguments in NumPy, shape (steps,), values one longer; flags as in `Ends`."""
+    flags = {"terminated": NEVER, "truncated": NEVER, "horizon_end": NEVER, **steps_of_ends}
+    ends = Ends(**{name: jnp.asarray(steps)[:, None] for name, steps in flags.items()})
     values, last_values, rewards = (jnp.asarray(x, jnp.float32)[:, None] for x in (values, last_values, rewards))
     rollout = Transitions(rewards, values, last_values, ends, jnp.ones_like(rewards))
     _, found = Discounted(gamma, gae_lambda, horizon_terminates).estimate((), rollout)

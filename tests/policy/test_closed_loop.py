@@ -100,7 +100,7 @@ class TestPoliciesThatDoNotFit:
         [TaskInfo("HalfCheetah-v3", 17, (-1.0,) * 6, (1.0,) * 6), TaskInfo("Hopper", 11, (-2.0,) * 3, (2.0,) * 3)],
     )
     def test_are_refused_by_name(self, world, task):
-        with pytest.raises(PerdureError, match=f"policy for {task.name}.*Hopper-v3"):
+        with pytest.raises(PerdureError, match=f"{task.name}.*Hopper-v3"):
             ClosedLoop(world, [EpisodePolicy(random_policy(task=task), Constant(1.0))])
 
     def test_each_episode_needs_a_policy(self, world):

@@ -80,23 +80,23 @@ def test_the_same_policy_gives_the_same_bytes_however_often_and_in_whatever_orde
 
 
 def test_a_file_that_is_not_there_is_not_found(tmp_path):
-    with pytest.raises(PerdureError, match=r"there is no policy file .*none"):
+    with pytest.raises(PerdureError, match="none"):
         load_policy(tmp_path / "none")
 
 
 def test_a_shipped_policy_is_found_by_its_name_and_a_near_name_is_offered():
     assert load_policy("Hopper-v3/geometric").task.name == "Hopper-v3"
     assert load_policy("home/set_table/place/seed-0").task.name.startswith("perdure/HomePlace-v0")
-    with pytest.raises(PerdureError, match="did you mean 'Hopper-v3/geometric'"):
+    with pytest.raises(PerdureError, match="'Hopper-v3/geometric'"):
         load_policy("Hopper-v3/geometrik")
 
 
 def test_a_file_without_its_ending_is_offered_and_a_zip_is_told_how_to_be_read(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ppo1.zip").write_bytes(b"PK\x03\x04, a zip archive")
-    with pytest.raises(PerdureError, match=r"did you mean 'ppo1\.zip'\?$"):
+    with pytest.raises(PerdureError, match=r"'ppo1\.zip'\?$"):
         load_policy("ppo1")
-    with pytest.raises(PerdureError, match=r"extrapolate\(Policy\.from_sb3\(path, env=\.\.\.\)\)"):
+    with pytest.raises(PerdureError, match="from_sb3"):
         load_policy("ppo1.zip")
 
 
@@ -371,7 +371,7 @@ def test_a_policy_without_its_critic_acts_the_same_and_says_why_it_has_no_value(
     np.testing.assert_array_equal(alone.act(observations, zeros), whole.act(observations, zeros))
     assert [each.has_critic for each in (whole, alone)] == [True, False]
     assert smaller.stat().st_size < larger.stat().st_size
-    with pytest.raises(PerdureError, match="without its critic"):
+    with pytest.raises(PerdureError, match="critic"):
         alone.scaled_value(observations, zeros, zeros + 10)
 
 

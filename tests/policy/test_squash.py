@@ -38,7 +38,7 @@ def test_the_limit_cuts_before_tanh():
 
 @pytest.mark.parametrize("limit", [0, -1.0, float("nan"), "2"])
 def test_a_limit_that_is_no_positive_number_is_refused(limit):
-    with pytest.raises(PerdureError, match=f"positive number, got {limit!r}"):
+    with pytest.raises(PerdureError, match=f"got {limit!r}"):
         TanhSquash(limit)
 
 
@@ -46,7 +46,7 @@ def test_a_limit_that_is_no_positive_number_is_refused(limit):
     "values", [None, 3, {"name": "tanh"}, {"name": "sine", "limit": 1.0}, {"name": "tanh", "x": 1}]
 )
 def test_a_description_of_something_else_is_refused(values):
-    with pytest.raises(PerdureError, match="a squashing is written"):
+    with pytest.raises(PerdureError, match="squashing"):
         TanhSquash.from_json(values)
 
 
@@ -80,7 +80,7 @@ def test_an_older_reader_refuses_a_squashed_policy_by_its_version(tmp_path):
 
 def test_a_squashed_output_needs_finite_bounds():
     endless = TaskInfo("Hopper-v3", 11, (-np.inf,) * 3, (np.inf,) * 3)
-    with pytest.raises(PerdureError, match="finite bounds"):
+    with pytest.raises(PerdureError, match="bounds"):
         replace(random_policy(task=endless), squash=TanhSquash())
 
 

@@ -532,6 +532,13 @@ def test_factors_below_and_above_1_are_sweeps_of_their_own(synthetic):
     assert "hold under mass up to 1.2 (tried: 1.1, 1.2)" in found
 
 
+def test_levels_of_a_fault_are_a_sweep_of_their_own(synthetic):
+    labels = {"strength:0.9": math.inf, "strength:0.9@500": math.inf, "strength:0.5@500": 5000}
+    found = summary_text(synthetic([{"disturbance": label, "ends": [end] * 8} for label, end in labels.items()]))
+    assert "hold under strength@500 up to 0.9 (tried: 0.9, 0.5)" in found
+    assert found.count("nine in ten") == 1
+
+
 def test_a_level_without_a_verdict_decides_nothing_in_a_sweep(synthetic):
     def sweep(*outcomes):
         levels = zip((0.1, 0.2, 0.3), outcomes, strict=False)

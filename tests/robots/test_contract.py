@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from perdure.errors import PerdureError
 from perdure.robots import read_contract
-from perdure.robots.contract import from_metadata
+from perdure.robots.readers import from_metadata
 from tests.robots.conftest import ANT
 
 MJLAB = {

@@ -1,6 +1,7 @@
 """Commands, observations and measures of walks, against closed forms."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -41,15 +42,13 @@ def test_random_commands_are_drawn_from_the_seed(ant):
 
 
 def read(contract, count):
-    """Observations of `raw` = 1, 2, ... in the slots of joint_pos[:1] and command_ang_vel."""
+    """Observations of a robot whose command and angular velocity are multiples of 1, 2, ..."""
     observer = Observer(contract)
     observer.begin()
     found = []
     for step in range(1, count + 1):
-        observer.raw[:] = 0.0
-        observer.raw[observer.slots["command"]] = 10 * step, 20 * step, 30 * step
-        observer.raw[observer.slots["base_ang_vel"]] = step
-        found.append(observer.read().tolist())
+        robot = SimpleNamespace(command=(10 * step, 20 * step, 30 * step), angular_velocity=(step, step, step))
+        found.append(observer.read(robot).tolist())
     return found
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from perdure.evaluate import Extrapolation, evaluate_files, reference
 from perdure.evaluate import watch as films
-from perdure.evaluate.stored import read_file
+from perdure.evaluate.run import read_file
 from perdure.evaluate.watch import add_stills, watch
 from perdure.policy.onnx import model_digest
 from perdure.report.page import STILLS

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from msgspec.structs import replace
 
-from perdure.disturbances import change_model, parse_disturbances
+from perdure.disturbances import parse_disturbances
 from perdure.envs import make_world, task_of_environment
 from perdure.envs.disturbances import DisturbedWorld
 from perdure.errors import PerdureError
@@ -17,6 +17,7 @@ from perdure.horizon import Constant, Geometric
 from perdure.robots.contract import Term
 from perdure.robots.world import VelocityCommandEnv, compiled, sources
 from perdure.wrappers import Disturb, TimeToGoObservation
+from tests.envs.test_disturbances import change
 from tests.robots.conftest import ANT, act
 
 ALL = ("base_lin_vel", "base_ang_vel", "projected_gravity", "command", "joint_pos", "joint_vel", "actions")
@@ -199,7 +200,7 @@ def test_a_torque_limit_of_the_contract_or_of_a_disturbance_replaces_the_joints(
     leg = replace(ant, model=str(tmp_path / "leg.xml"), joints=("hip",), trunk=(), effort_limit=limit, **one)
     model = compiled(leg, False)
     assert model.geom_contype[0] == 1, "the defaults of the model change neither the floor nor the controllers"
-    change_model(model, {"strength": strength})
+    change(model, f"strength:{strength}")
     data = mujoco.MjData(model)
     data.ctrl[:] = 3.0
     mujoco.mj_forward(model, data)
@@ -310,8 +311,8 @@ def test_the_identity_of_a_robot_covers_contract_and_model(tmp_path):
     text = ANT.read_text()
     other = tmp_path / "other.yaml"
     digests = set()
-    for change in (text, text.replace("60.0", "61.0"), text + "# a comment\n"):
-        other.write_text(change)
+    for changed in (text, text.replace("60.0", "61.0"), text + "# a comment\n"):
+        other.write_text(changed)
         digests.add(sources(str(other))["robot"])
     assert len(digests) == 2, "a comment changes no result"
     other.write_text(text)

@@ -137,12 +137,12 @@ def test_what_is_no_regular_file_is_not_read(tmp_path, make):
     path = tmp_path / "model.zip"
     make(path)
     for read in (lambda: read_bounded(path, 10), lambda: file_digest(path)):
-        with pytest.raises(PerdureError, match=r"model\.zip is not a regular file"):
+        with pytest.raises(PerdureError, match=r"model\.zip"):
             read()
 
 
 def test_files_are_read_up_to_a_size(tmp_path):
     path = write_atomic(tmp_path / "file", b"12345")
     assert read_bounded(path, 5) == b"12345"
-    with pytest.raises(PerdureError, match="has 5 bytes; at most 4 are read"):
+    with pytest.raises(PerdureError, match=r"5 bytes.*4"):
         read_bounded(path, 4)

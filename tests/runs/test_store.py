@@ -69,7 +69,7 @@ def test_a_block_that_is_not_complete_leaves_its_folder_for_the_next(tmp_path):
 
 
 def test_a_missing_unit_is_refused_by_name(tmp_path):
-    with pytest.raises(PerdureError, match="'a/b' is not in"):
+    with pytest.raises(PerdureError, match="a/b"):
         Store(tmp_path).get("a/b")
     assert not Store(tmp_path / "never-made").done("a/b")
 
@@ -187,12 +187,12 @@ def test_keys_lists_finished_units_only(tmp_path):
 def test_a_unit_cannot_lie_inside_another_or_swallow_one(tmp_path):
     store = Store(tmp_path)
     put(store, "a/b")
-    with pytest.raises(PerdureError, match="lies inside the unit 'a/b'"):
+    with pytest.raises(PerdureError, match="inside"):
         put(store, "a/b/c")
-    with pytest.raises(PerdureError, match="blocks the unit"):
+    with pytest.raises(PerdureError, match="blocks"):
         put(store, "a")
     (tmp_path / "file").write_text("x")
-    with pytest.raises(PerdureError, match="blocks the unit"):
+    with pytest.raises(PerdureError, match="blocks"):
         put(store, "file")
 
 
@@ -220,7 +220,7 @@ def test_a_record_that_is_none_is_refused(tmp_path, change):
     with pytest.raises(PerdureError, match=r"unit\.json"):
         store.config("unit")
     path.write_text("[" * 100_000)
-    with pytest.raises(PerdureError, match=r"unit\.json is damaged"):
+    with pytest.raises(PerdureError, match="damaged"):
         store.config("unit")
 
 
@@ -240,7 +240,7 @@ def test_an_edited_or_damaged_record_is_refused(tmp_path):
     put(store)
     record = store.get(KEY) / "unit.json"
     record.write_text(record.read_text().replace("1.0", "0.9"))
-    with pytest.raises(PerdureError, match="was changed after it was written"):
+    with pytest.raises(PerdureError, match="changed"):
         store.config(KEY)
     for damage in ("", "{", "[]", json.dumps({"key": KEY}), json.dumps({"key": KEY, "config": CONFIG, "sources": 3})):
         record.write_text(damage)
@@ -323,7 +323,7 @@ def test_a_workspace_survives_errors_and_is_promoted_when_it_finishes(tmp_path):
         (work.folder / "policy").write_text("p")
     assert (store.get(KEY, CONFIG) / "policy").read_text() == "p"
     assert hidden(store, ".working") == []
-    with pytest.raises(PerdureError, match="finished already"), store.workspace(KEY, CONFIG):
+    with pytest.raises(PerdureError, match="finished"), store.workspace(KEY, CONFIG):
         pytest.fail("the block must not run")
 
 
@@ -331,7 +331,7 @@ def test_a_workspace_survives_kill_9_and_has_one_worker_at_a_time(tmp_path):
     store = Store(tmp_path)
     process = start(KILLED, tmp_path)
     assert process.stdout.readline() == "ready\n"
-    with pytest.raises(PerdureError, match="run by another process"), store.workspace("unit", {"a": 1}):
+    with pytest.raises(PerdureError, match="another process"), store.workspace("unit", {"a": 1}):
         pytest.fail("the block must not run")
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
@@ -346,10 +346,10 @@ def test_a_workspace_begun_with_another_config_is_refused(tmp_path):
         raise RuntimeError  # an attempt that left nothing blocks nobody
     with pytest.raises(ZeroDivisionError), store.workspace("unit", {"steps": 100}) as work:
         (work.folder / "half").write_text(str(1 / (work.folder / "half").write_text("")))
-    with pytest.raises(PerdureError, match="steps is 100 there and 200 here"), store.workspace("unit", {"steps": 200}):
+    with pytest.raises(PerdureError, match=r"steps.*100.*200"), store.workspace("unit", {"steps": 200}):
         pytest.fail("the block must not run")
     (work.folder / "unit.json").unlink()  # what made the other file is no longer known
-    with pytest.raises(PerdureError, match=r"is damaged: .* No such file"), store.workspace("unit", {"steps": 200}):
+    with pytest.raises(PerdureError, match="damaged"), store.workspace("unit", {"steps": 200}):
         pytest.fail("the block must not run")
 
 

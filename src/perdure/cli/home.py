@@ -266,7 +266,8 @@ def train(
     """
     from perdure.home.evaluate.plan_starts import record_plan_starts
     from perdure.home.skills.place import variant_options
-    from perdure.home.skills.train import evaluate_skill, skill_run, train_skill
+    from perdure.home.skills.train import evaluate_skill, skill_run
+    from perdure.learn.run import train
     from perdure.policy import load_policy
     from perdure.runs import check_on
     from perdure.runs.progress import show_progress
@@ -281,7 +282,8 @@ def train(
     skill_run(skill, task, seeds, steps, method, **options)  # what is wrong is said before the minutes of recording
     record_plan_starts(task)
     with show_progress(f"{task} {skill}", "steps") as show:
-        paths = train_skill(skill, task, seeds, out, steps, method=method, cores=cores, on=on, observe=show, **options)
+        made = skill_run(skill, task, seeds, steps, method, **options)
+        paths = train(made, out, cores=cores, on=on, observe=show)
     for path in paths:
         score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
         print(f"{path}\n  {score.summary()}")

@@ -60,6 +60,28 @@ def policies() -> str:
     return "\n".join(rows)
 
 
+def disturbances() -> str:
+    """Return the kinds of disturbances, one a line: an example, what it does, and who disturbs robots in this way."""
+    from perdure.disturbances import Effect
+
+    rows = []
+    for name, kind in Effect.kinds().items():
+        source = f" ({kind.source})" if kind.source else ""
+        rows.append(f"{f'{name}:{kind.example:g}':23} {kind.words}{source}")
+    return "\n".join(rows)
+
+
+def observations() -> str:
+    """Return the observation terms that contracts of robots may name, one a line, with their other names."""
+    from perdure.robots.terms import ObservationTerm
+
+    rows = []
+    for name, kind in ObservationTerm.kinds().items():
+        others = f" (also {', '.join(kind.aliases)})" if kind.aliases else ""
+        rows.append(f"{name:20} {kind.words}{others}")
+    return "\n".join(rows)
+
+
 def _within(subject: Policy) -> str:
     """Return what a policy does within its training horizon, in one line."""
     if (reference := subject.reference) is None:

@@ -19,38 +19,83 @@ if TYPE_CHECKING:
 def policy_files(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Return one file for each policy; models of Stable-Baselines3 are imported once, into a folder of `out`."""
-    from perdure.policy import find_policy, load_policy
-    from perdure.policy.onnx import is_onnx
-    from perdure.policy.readers import FoundModel, find_models, import_once
-    from perdure.report.schema import IMPORTED
+    """Return one file for each policy; models of Stable-Baselines3 are imported once, into a folder of `out`.
 
-    found = list[Path | FoundModel]()
+    Args:
+        names: As on the command line.
+        env: Environment of models; None: what their own files say.
+        sb3: Flags of models of Stable-Baselines3: normalizer, time_feature, trust.
+        horizon: Training horizon of models.
+        out: Folder of the results.
+        modules: Python modules that environments may be imported from.
+    """
+    from perdure.policy.onnx import is_onnx
+
+    found: list[Path | FoundModel] = []
     for name in names:
-        found += [Path(name)] if is_onnx(name) else find_models(Path(name), _tell) or [find_policy(name)]
-    options = sb3 if any(map(is_onnx, names)) else {"env": env, "training_horizon": horizon, **sb3}
-    given = {name: value for name, value in options.items() if value not in (None, False)}
-    models = [each for each in found if isinstance(each, FoundModel)]
+        found += _found(name)
+    models = [each for each in found if not isinstance(each, Path)]
     if sb3["normalizer"] and len(models) > 1:
         raise PerdureError(
             f"--normalizer {sb3['normalizer']}: it belongs to one model, and {len(models)} are given: evaluate one at "
             "a time, or import each first (perdure import)"
         )
+    options = dict(sb3)
+    if not any(map(is_onnx, names)):  # which take these two flags themselves
+        options |= {"env": env, "training_horizon": horizon}
+    given = [name for name, value in options.items() if value not in (None, False)]
     if given and names and not models:
-        for name in (each for each in names if not is_onnx(each)):
-            load_policy(name)  # raises what it is, if it is of another library
-        flags = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise PerdureError(f"{flags}: only for Stable-Baselines3 models; {names[0]} is none")
+        _refuse_flags(given, names)
     files = list[Path]()
     for each in found:
-        if isinstance(each, FoundModel):
-            own = {"env": _env(each, modules) if env is None else env}
-            own |= {name: getattr(each, name) for name in ("normalizer", "time_feature") if sb3[name] is None}
-            words = [f"{name.replace('_', ' ')} {own[name]}" for name in own if own[name] not in (None, env)]
-            _tell(f"reading {each.path}" + (f" with {', '.join(words)}" if words else ""))
-            each = import_once(each.path, out / IMPORTED, **{"training_horizon": horizon, **sb3, **own})
-        files.append(each)
+        if isinstance(each, Path):
+            files.append(each)
+        else:
+            files.append(_imported(each, env, {"training_horizon": horizon, **sb3}, out, modules))
     return tuple(files)
+
+
+def _found(name: str) -> Sequence[Path | FoundModel]:
+    """Return the policy file, the ONNX model or the models of Stable-Baselines3 that a word names."""
+    from perdure.policy import find_policy
+    from perdure.policy.onnx import is_onnx
+
+    path = Path(name)
+    if is_onnx(name):
+        return [path]
+    if path.exists() and path.suffix != ".safetensors":  # the name of a shipped policy needs no reader
+        from perdure.policy.readers import find_models
+
+        models = find_models(path, _tell)
+        if models:
+            return models
+    return [find_policy(name)]
+
+
+def _refuse_flags(flags: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse flags of models where no word names one."""
+    from perdure.policy import load_policy
+    from perdure.policy.onnx import is_onnx
+
+    for name in names:
+        if not is_onnx(name):
+            load_policy(name)  # raises what it is, if it is of another library
+    shown = ", ".join(f"--{each.replace('_', '-')}" for each in flags)
+    raise PerdureError(f"{shown}: only for Stable-Baselines3 models; {names[0]} is none")
+
+
+def _imported(model: FoundModel, env: str | None, flags: dict[str, Any], out: Path, modules: Sequence[str]) -> Path:
+    """Return the file of an imported model; what the flags leave out is read from the files beside it."""
+    from perdure.policy.readers import import_once
+    from perdure.report.schema import IMPORTED
+
+    own: dict[str, Any] = {"env": _env(model, modules) if env is None else env}
+    for name in ("normalizer", "time_feature"):
+        if flags[name] is None:
+            own[name] = getattr(model, name)
+    words = [f"{name.replace('_', ' ')} {value}" for name, value in own.items() if value not in (None, env)]
+    _tell(f"reading {model.path}" + (f" with {', '.join(words)}" if words else ""))
+    return import_once(model.path, out / IMPORTED, **{**flags, **own})
 
 
 def _tell(sentence: str) -> None:

@@ -77,7 +77,7 @@ def train_command(
                 set). By default cleanrl for Hopper and Walker2d, zoo otherwise: with zoo most Hoppers stand still.
             name: Name for changed settings: the run is kept in OUT/TASK/NAME instead of OUT/TASK/METHOD.
             disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
-                push:0.5 (see `perdure extrapolate --help`); the run is kept in OUT/TASK/METHOD+standard-1.
+                push:0.5 (see `perdure list disturbances`); the run is kept in OUT/TASK/METHOD+standard-1.
             start: Policy that training continues: network and observation statistics are kept, the critic is new, and
                 a time-to-go input that it lacks begins with weights of 0. A folder: each seed continues its own policy
                 there. The run is kept in OUT/TASK/METHOD+continued.

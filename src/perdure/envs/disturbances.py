@@ -8,9 +8,9 @@ from importlib import import_module
 
 import numpy as np
 
-from perdure.disturbances import NEED_SIMULATOR, Disturbance, Disturber
+from perdure.disturbances import Disturbance, Disturber
 from perdure.envs.suites import is_contract
-from perdure.envs.world import FloatArray, IntArray, Step, World
+from perdure.envs.world import FloatArray, IntArray, Step, World, checked_lanes
 from perdure.errors import PerdureError
 
 SIMULATED = {
@@ -28,7 +28,7 @@ SIMULATED = {
 
 def disturbed_task(task: str, disturbances: Sequence[Disturbance]) -> str:
     """Return the task to simulate: Gymnasium's copy of EnvPool's where MuJoCo's state is needed, else PerdureError."""
-    needing = [each.label for each in disturbances if each.name in NEED_SIMULATOR]
+    needing = [each.label for each in disturbances if each.kind.needs_simulator()]
     if not needing or task.startswith("gymnasium:") or is_contract(task):
         return task
     if task not in SIMULATED:
@@ -66,13 +66,13 @@ class DisturbedWorld:
     @property
     def observation_std(self) -> FloatArray:
         """Spread of each observation component, shape (num_lanes, observation_size); a learner updates it in place."""
-        return self._disturber.observation_std
+        return self._disturber.robots.observation_std
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
+        chosen = self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
+        self._disturber.begin(chosen)  # models are put back before the robot stands in its start state
         observations = self._world.reset(lanes)
-        chosen = self._everyone if lanes is None else np.asarray(lanes)
-        self._disturber.begin(chosen)
         return self._disturber.observe(observations, chosen, np.zeros(len(chosen), np.int64))
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:

@@ -82,9 +82,12 @@ class EnvPoolWorld(TrackedWorld):
         ids = chosen.astype(np.int32)
         self.pool._send([ids, ids, clipped])
         state = self.pool._recv()  # rows in the order of `ids`
-        rewards, done, trunc = state[self._reward].astype(np.float64), state[self._done], state[self._trunc]
-        observations, elapsed = self._flat(state), self.advance(chosen, done)
-        return Step(observations, rewards, done & ~trunc, trunc, elapsed, np.zeros(len(chosen), np.bool_))
+        observations = self._flat(state)
+        rewards = state[self._reward].astype(np.float64)
+        done = state[self._done]
+        truncated = state[self._trunc]
+        elapsed = self.advance(chosen, done)
+        return Step(observations, rewards, done & ~truncated, truncated, elapsed, np.zeros(len(chosen), np.bool_))
 
     def close(self) -> None:
         """See `World.close`."""
@@ -93,8 +96,11 @@ class EnvPoolWorld(TrackedWorld):
 
     def _flat(self, state: list[npt.NDArray[Any]]) -> FloatArray:
         """Return the parts of the observations, whose first axis is the lane, as vectors (n, observation_size)."""
-        flat = [state[index].reshape(len(state[index]), -1) for index in self._observed]
-        return (flat[0] if len(flat) == 1 else np.concatenate(flat, axis=1)).astype(np.float64, copy=False)
+        parts = [state[index].reshape(len(state[index]), -1) for index in self._observed]
+        flat = parts[0]
+        if len(parts) > 1:
+            flat = np.concatenate(parts, axis=1)
+        return flat.astype(np.float64, copy=False)
 
 
 def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
@@ -103,11 +109,15 @@ def _spec_of(pool: Any, name: str, suite: str) -> TaskSpec:
 
     if not isinstance(pool.action_space, gymnasium.spaces.Box) or len(pool.action_space.shape) != 1:
         raise PerdureError(f"{name}: actions must be one vector in a box, this task has {pool.action_space}.")
-    shapes, mujoco = pool.spec.state_array_spec, _mujoco_version(pool)
+    shapes = pool.spec.state_array_spec
+    engine = f"EnvPool {envpool.__version__}"
+    mujoco = _mujoco_version(pool)
+    if mujoco:
+        engine += f", MuJoCo {mujoco}"
     return TaskSpec(
         name=name,
         suite=suite,
-        engine=f"EnvPool {envpool.__version__}" + (f", MuJoCo {mujoco}" if mujoco else ""),
+        engine=engine,
         observation_size=sum(math.prod(shapes[key].shape) for key in observation_keys(pool)),
         action_low=pool.action_space.low,
         action_high=pool.action_space.high,

@@ -65,7 +65,8 @@ class GymnasiumWorld(TrackedWorld):
         """The environments' last infos."""
         try:
             for factory in factories:
-                if mujoco := sys.modules.get("mujoco"):  # imported with the first robot
+                mujoco = sys.modules.get("mujoco")  # imported with the first robot
+                if mujoco:
                     mujoco.set_mju_user_warning(_show_model_warning)
                 self.environments.append(call(name, "making it", factory))
             self.spec = self._checked_spec(name, default_horizon)
@@ -82,8 +83,12 @@ class GymnasiumWorld(TrackedWorld):
                 f"{name}: two lanes got the same environment; the function must build a new one each time"
             )
         first = self.environments[0]
-        limit = default_horizon if default_horizon is not None else getattr(first.spec, "max_episode_steps", None)
-        self._space, self._action_space = self.spaces = first.observation_space, first.action_space
+        limit = default_horizon
+        if limit is None:
+            limit = getattr(first.spec, "max_episode_steps", None)
+        self._space = first.observation_space
+        self._action_space = first.action_space
+        self.spaces = (self._space, self._action_space)
         spec = spec_of(name, "Gymnasium", first, self.spaces, limit)
         for env in self.environments[1:]:
             if env.observation_space != self._space or env.action_space != self._action_space:
@@ -111,10 +116,12 @@ class GymnasiumWorld(TrackedWorld):
                 call(f"gymnasium:{env_id}", f"importing {module}", import_module, module)
             spec = gymnasium.spec(registered)
         except PerdureError as problem:
-            if not isinstance(cause := problem.__cause__, ImportError):
+            cause = problem.__cause__
+            if not isinstance(cause, ImportError):
                 raise
-            absent = isinstance(cause, ModuleNotFoundError) and cause.name == module.partition(".")[0]
-            hint = "; put its folder on PYTHONPATH, or install it" if absent else ""
+            hint = ""
+            if isinstance(cause, ModuleNotFoundError) and cause.name == module.partition(".")[0]:
+                hint = "; put its folder on PYTHONPATH, or install it"
             raise PerdureError(f"gymnasium:{env_id} cannot be imported: {cause}{hint}") from cause
         except gymnasium.error.Error:
             known = [f"gymnasium:{env_id.removesuffix(registered)}{known_id}" for known_id in gymnasium.registry]
@@ -128,8 +135,8 @@ class GymnasiumWorld(TrackedWorld):
         chosen = self.lanes_to_reset(lanes)
         observations = np.empty((len(chosen), self.spec.observation_size))
         for row, lane in enumerate(chosen):
-            where, env = f"{self.spec.name}, lane {lane}", self.environments[lane]
-            returned = call(where, "reset", env.reset, seed=self._next_seeds[lane])
+            where = f"{self.spec.name}, lane {lane}"
+            returned = call(where, "reset", self.environments[lane].reset, seed=self._next_seeds[lane])
             observation, _ = read_tuple(where, "reset", returned, 2)
             self._next_seeds[lane] = None
             observations[row] = read_observation(where, "reset", self._space, observation)
@@ -149,10 +156,12 @@ class GymnasiumWorld(TrackedWorld):
         for row, lane in enumerate(chosen):
             where = f"{self.spec.name}, lane {lane}, step {steps[lane] + 1}"
             returned = call(where, "step", self.environments[lane].step, shaped[row])
+            # Third-party code: every part is checked before it counts.
             observation, reward, ended, cut, info = read_tuple(where, "step", returned, 5)
             observations[row] = read_observation(where, "step", self._space, observation)
             rewards[row] = read_reward(where, reward)
-            terminated[row], truncated[row] = read_flag(where, "terminated", ended), read_flag(where, "truncated", cut)
+            terminated[row] = read_flag(where, "terminated", ended)
+            truncated[row] = read_flag(where, "truncated", cut)
             diverged[row] = divergence_count(self.environments[lane]) > 0
             successes[row] = read_success(where, info, self.success_key)
             self.infos[lane] = info
@@ -220,7 +229,9 @@ def refuse_running(env: Any, running: bool) -> None:
 def title_of(env: Any) -> str:
     """Return the id of an environment, else the name of its class."""
     spec = getattr(env, "spec", None)
-    return str(spec.id) if spec is not None else type(env.unwrapped).__name__
+    if spec is None:
+        return type(env.unwrapped).__name__
+    return str(spec.id)
 
 
 def _show_model_warning(text: str) -> None:
@@ -242,13 +253,15 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
 
     observations, actions = spaces
     low, high, discrete = _action_range(name, actions)
-    names = getattr(getattr(env, "unwrapped", None), "observation_names", ())
     try:
         observation_size = gymnasium.spaces.flatdim(observations)
     except (NotImplementedError, ValueError):
         raise PerdureError(
             f"{name}: observations must flatten to one vector of fixed length, this environment has {observations}."
         ) from None
+    names = getattr(getattr(env, "unwrapped", None), "observation_names", ())
+    if not isinstance(names, tuple) or len(names) != observation_size:
+        names = ()
     return TaskSpec(
         name=name,
         suite=suite,
@@ -261,7 +274,7 @@ def spec_of(name: str, suite: str, env: Any, spaces: tuple[Any, Any], limit: int
         has_step_limit=limit is not None,
         step_seconds=_step_seconds(env),
         has_goal=isinstance(observations, gymnasium.spaces.Dict) and "desired_goal" in observations.spaces,
-        observation_names=names if isinstance(names, tuple) and len(names) == observation_size else (),
+        observation_names=names,
     )
 
 
@@ -301,7 +314,9 @@ def engine_of(env: Any) -> str:
 def _step_seconds(env: Any) -> float:
     """Return the control step, which an environment gives as `dt`, like Gymnasium's own do; nan if it does not."""
     seconds = getattr(getattr(env, "unwrapped", None), "dt", None)
-    return float(seconds) if isinstance(seconds, int | float) and 0.0 < seconds < math.inf else math.nan
+    if isinstance(seconds, int | float) and 0.0 < seconds < math.inf:
+        return float(seconds)
+    return math.nan
 
 
 def shaped_actions(space: gymnasium.Space[Any], actions: FloatArray) -> Any:
@@ -383,8 +398,8 @@ def call(where: str, method: str, function: Callable[..., T], *args: Any, **keyw
         # Worker processes ignore SIGINT: there it is the environment that raises KeyboardInterrupt.
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
             raise
-        text = " ".join(str(error).split())
-        raise PerdureError(f"{where}: {method} raised {type(error).__name__}{f': {text}' if text else ''}") from error
+        raised = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+        raise PerdureError(f"{where}: {method} raised {raised}") from error
     finally:
         note_call("")
 
@@ -392,7 +407,9 @@ def call(where: str, method: str, function: Callable[..., T], *args: Any, **keyw
 def read_tuple(where: str, method: str, returned: Any, length: int) -> tuple[Any, ...]:
     """Return what a method returned if it is a tuple of this length."""
     if not isinstance(returned, tuple | list) or len(returned) != length:
-        found = f"{len(returned)} values" if isinstance(returned, tuple | list) else type(returned).__name__
+        found = type(returned).__name__
+        if isinstance(returned, tuple | list):
+            found = f"{len(returned)} values"
         raise PerdureError(f"{where}: {method} must return {length} values, it returned {found}")
     return tuple(returned)
 
@@ -406,9 +423,11 @@ def read_observation(where: str, method: str, space: Any, observation: Any) -> F
     import gymnasium
 
     size = gymnasium.spaces.flatdim(space)
+    is_box = isinstance(space, gymnasium.spaces.Box)
     try:
-        is_box = isinstance(space, gymnasium.spaces.Box)
-        flat = np.asarray(observation if is_box else gymnasium.spaces.flatten(space, observation))
+        if not is_box:
+            observation = gymnasium.spaces.flatten(space, observation)
+        flat = np.asarray(observation)
     except Exception as error:
         raise PerdureError(f"{where}: {method} returned an observation that does not fit {space}: {error}") from error
     if flat.dtype.kind not in "fiub":

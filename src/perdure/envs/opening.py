@@ -15,7 +15,7 @@ from perdure.errors import PerdureError
 
 MOST_LANES = 48
 """Lanes of a world where their number is free."""
-KINDS = (
+VALID_ENVS = (
     "env must be a Gymnasium id, a task (`perdure list`), a factory (a function that returns a gymnasium.Env) or a "
     "gymnasium.vector.VectorEnv"
 )
@@ -39,20 +39,22 @@ def open_env(env: Any) -> Iterator[OpenEnv]:
         task = task_of_environment(env)
         yield OpenEnv(lambda seeds: make_world(task, seeds))
     elif any("envpool" in each.__module__ for each in type(env).__mro__):
-        raise PerdureError(f"{KINDS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'")
+        raise PerdureError(
+            f"{VALID_ENVS}; an EnvPool cannot be seeded again: give its task's name, such as 'Hopper-v4'"
+        )
     elif isinstance(env, VectorEnv):
         with _without_limits(env) as limit:
             title = title_of(getattr(env.unwrapped, "envs", [env])[0])
             yield OpenEnv(lambda seeds: _Borrowed(env, seeds, title, default_horizon=limit), int(env.num_envs))
     elif isinstance(env, Env):
         raise PerdureError(
-            f"{KINDS}; this is a single environment, which can be in one episode at a time: give the function that "
-            "builds it, such as lambda: gymnasium.make(...)"
+            f"{VALID_ENVS}; this is a single environment, which can be in one episode at a time: give the function "
+            "that builds it, such as lambda: gymnasium.make(...)"
         )
     elif callable(env):
         yield _factory(env)
     else:
-        raise PerdureError(f"{KINDS}, not {type(env).__name__}")
+        raise PerdureError(f"{VALID_ENVS}, not {type(env).__name__}")
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,9 @@ def _factory(factory: Callable[[], Any]) -> OpenEnv:
 
     probe = call("env", "the factory", factory)
     if not isinstance(probe, Env):
-        raise PerdureError(f"{KINDS}; this function returned {type(probe).__name__}")
-    limit, title = min((steps for _, steps in lift(probe)), default=None), title_of(probe)
+        raise PerdureError(f"{VALID_ENVS}; this function returned {type(probe).__name__}")
+    limit = min((steps for _, steps in lift(probe)), default=None)
+    title = title_of(probe)
     probe.close()
 
     def build() -> Any:
@@ -112,7 +115,9 @@ def _without_limits(vector: Any) -> Iterator[int | None]:
     if not hasattr(vector.unwrapped, "envs"):
         yield from _without_remote_limit(vector)
         return
-    found = [each for env in vector.unwrapped.envs for each in lift(env)]
+    found = []
+    for env in vector.unwrapped.envs:
+        found += lift(env)
     try:
         yield min((limit for _, limit in found), default=None)
     finally:
@@ -124,18 +129,21 @@ def _without_remote_limit(vector: Any) -> Iterator[int | None]:
     """Lift the limits of environments in other processes for the duration of a block; refuse other limits."""
     from gymnasium.vector import AsyncVectorEnv
 
-    name, remote = "_max_episode_steps", isinstance(vector.unwrapped, AsyncVectorEnv)
-    if not remote:
-        limit = getattr(vector.spec, "max_episode_steps", None)
+    name = "_max_episode_steps"
+    can_be_lifted = False
+    if isinstance(vector.unwrapped, AsyncVectorEnv):
+        ask = vector.unwrapped.call
+        limit = None
+        if ask("has_wrapper_attr", name)[0]:
+            limit = vector.unwrapped.get_attr(name)[0]
+        refuse_running(vector, ask("has_wrapper_attr", RUNNING)[0] and any(vector.unwrapped.get_attr(RUNNING)))
+        can_be_lifted = ask("__str__")[0].count("<TimeLimit") < 2  # of several only the outermost can be
     else:
-        has = vector.unwrapped.call
-        limit = vector.unwrapped.get_attr(name)[0] if has("has_wrapper_attr", name)[0] else None
-        refuse_running(vector, has("has_wrapper_attr", RUNNING)[0] and any(vector.unwrapped.get_attr(RUNNING)))
-        remote = has("__str__")[0].count("<TimeLimit") < 2  # of several only the outermost can be lifted
+        limit = getattr(vector.spec, "max_episode_steps", None)
     if limit is None:
         yield None
         return
-    if not remote:
+    if not can_be_lifted:
         raise PerdureError(
             f"{title_of(vector)}: this VectorEnv ends episodes after {limit} steps; build it with a max_episode_steps "
             "beyond the steps asked for, and give the limit as training_horizon"

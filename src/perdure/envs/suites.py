@@ -7,6 +7,7 @@ suite appears here by itself.
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from ast import literal_eval
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -20,9 +21,12 @@ from typing import Any, Protocol
 from perdure.envs.world import TaskSpec, World, checked_seeds
 from perdure.errors import PerdureError, did_you_mean
 
-GYMNASIUM_PREFIX, ENVPOOL_PREFIX = "gymnasium:", "envpool:"
+GYMNASIUM_PREFIX = "gymnasium:"
+ENVPOOL_PREFIX = "envpool:"
 ROBOTS = "perdure.robots.world"
 """Imported when a task is the contract of a robot."""
+READERS = "perdure.robots.readers"
+"""Knows how the names of contracts end."""
 
 
 def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
@@ -47,8 +51,10 @@ def make_world(task: str, seeds: Sequence[int], threads: int = 1) -> World:
     for suite in suites():
         if suite.owns(task):
             return suite.make(task, seeds, threads)
-    meant = (f"{GYMNASIUM_PREFIX}{task}",) if gymnasium_makes(task) else ()
-    raise unknown_task(task, (listing.name for suite in suites() for listing in suite.listings()), meant)
+    meant: tuple[str, ...] = ()
+    if gymnasium_makes(task):
+        meant = (f"{GYMNASIUM_PREFIX}{task}",)
+    raise unknown_task(task, [listing.name for listing in list_tasks()], meant)
 
 
 def task_spec(task: str) -> TaskSpec:
@@ -76,7 +82,10 @@ def list_tasks(suite: str | None = None) -> list[TaskListing]:
 
 def is_contract(task: str) -> bool:
     """Return whether a task is named by the contract of a robot, see `perdure.robots`."""
-    return task.endswith((".yaml", ".yml"))
+    if task.endswith((".yaml", ".yml")):
+        return True
+    # Other formats are asked for only where a name has an ending: it means an import.
+    return re.search(r"\.[a-z]\w*$", task) is not None and task.endswith(import_module(READERS).suffixes())
 
 
 def is_task(name: str) -> bool:
@@ -334,18 +343,32 @@ def task_source_digest(task: str) -> dict[str, str]:
     if is_contract(task):
         return dict(import_module(ROBOTS).sources(task))
     top = (module_of(task) or "").partition(".")[0]
-    try:
-        spec = find_spec(top) if top else None
-    except (ImportError, ValueError):
-        spec = None
-    if spec is None:
+    files = _source_files(top)
+    if not files:
         return {}
-    folders = list(map(Path, spec.submodule_search_locations or []))
-    files = {file: folder for folder in folders for end in ("*.py", "*.xml") for file in sorted(folder.rglob(end))}
-    if not folders and spec.origin is not None and (origin := Path(spec.origin)).is_file():
-        files = {origin: origin.parent}
     digest = hashlib.sha256()
     for file, folder in files.items():
-        name, data = file.relative_to(folder).as_posix(), file.read_bytes()
+        name = file.relative_to(folder).as_posix()
+        data = file.read_bytes()
         digest.update(f"{name}\0{len(data)}\0".encode() + data)
-    return {top: digest.hexdigest()} if files else {}
+    return {top: digest.hexdigest()}
+
+
+def _source_files(top: str) -> dict[Path, Path]:
+    """Return the source files of a top-level module or package, each with its folder; {} without a source."""
+    try:
+        spec = find_spec(top)
+    except (ImportError, ValueError):
+        return {}
+    if spec is None:
+        return {}
+    files = {}
+    for location in spec.submodule_search_locations or []:
+        folder = Path(location)
+        for pattern in ("*.py", "*.xml"):
+            for file in sorted(folder.rglob(pattern)):
+                files[file] = folder
+    if not spec.submodule_search_locations and spec.origin is not None and Path(spec.origin).is_file():
+        file = Path(spec.origin)
+        files[file] = file.parent
+    return files

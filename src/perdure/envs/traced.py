@@ -60,12 +60,14 @@ class WorldSlot:
 
     def fill(self, world: World) -> None:
         """Put in a world that has been reset. Only the program may step it until :meth:`clear`."""
-        self._world, self.error = world, None
+        self._world = world
+        self.error = None
         with jax.enable_x64(True):  # EnvPool's functions need 64 bits
             if isinstance(world, EnvPoolWorld) and observation_keys(world.pool) == ["obs"]:
                 self.handle, _, _, self.pool_step = world.pool.xla()
             else:
-                self.handle, self.pool_step = jnp.zeros(()), None
+                self.handle = jnp.zeros(())
+                self.pool_step = None
 
     def clear(self) -> None:
         """Take the world out. A program that was interrupted goes on to its end without it."""
@@ -100,7 +102,9 @@ def traced_world(slot: WorldSlot) -> TracedWorld:
     A program made of them belongs to that world: EnvPool writes its pool's address into it, so a program kept for
     another world would go on stepping this one.
     """
-    return TracedWorld(_callback_step(slot) if slot.pool_step is None else _pool_step(slot.pool_step), _reset(slot))
+    if slot.pool_step is None:
+        return TracedWorld(_callback_step(slot), _reset(slot))
+    return TracedWorld(_pool_step(slot.pool_step), _reset(slot))
 
 
 def _pool_step(pool_step: Callable[..., Any]) -> Callable[[Handle, jax.Array], tuple[Handle, TracedStep]]:
@@ -112,7 +116,8 @@ def _pool_step(pool_step: Callable[..., Any]) -> Callable[[Handle, jax.Array], t
 
 
 def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handle, TracedStep]]:
-    lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
+    lanes = slot.world.num_lanes
+    size = slot.world.spec.observation_size
     flags = jax.ShapeDtypeStruct((lanes,), jnp.bool_)  # type: ignore[no-untyped-call]
     shapes = (_bits_shape(lanes, size), _bits_shape(lanes), flags, flags)
 
@@ -134,7 +139,8 @@ def _callback_step(slot: WorldSlot) -> Callable[[Handle, jax.Array], tuple[Handl
 
 
 def _reset(slot: WorldSlot) -> Callable[[jax.Array], jax.Array]:
-    lanes, size = slot.world.num_lanes, slot.world.spec.observation_size
+    lanes = slot.world.num_lanes
+    size = slot.world.spec.observation_size
 
     def on_host(done: jax.Array) -> NDArray[np.uint32]:
         ended = np.flatnonzero(np.asarray(done))

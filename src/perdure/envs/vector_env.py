@@ -63,8 +63,12 @@ class VectorEnvWorld(TrackedWorld):
             modes = ", ".join(mode.name for mode in AutoresetMode)
             raise PerdureError(f"{name}: metadata['autoreset_mode'] must be one of {modes}, got {self._mode!r}.")
         self._env = env
-        self._space, self._action_space = self.spaces = env.single_observation_space, env.single_action_space
-        limit = default_horizon if default_horizon is not None else getattr(env.spec, "max_episode_steps", None)
+        self._space = env.single_observation_space
+        self._action_space = env.single_action_space
+        self.spaces = (self._space, self._action_space)
+        limit = default_horizon
+        if limit is None:
+            limit = getattr(env.spec, "max_episode_steps", None)
         engine = getattr(env, "envs", [env])[0]
         self.spec = spec_of(name, suite, engine, self.spaces, limit)
         super().__init__(len(self._seeds))
@@ -95,16 +99,19 @@ class VectorEnvWorld(TrackedWorld):
                 "running and were left out. Step every running lane, or give the single environments to GymnasiumWorld."
             )
         clipped = checked_actions(actions, chosen, self.spec)
+        # The vector moves lanes that have ended too: reset them if it does not, and let them do nothing.
         if self._mode is AutoresetMode.DISABLED and self._over.any():
             self._reset_inside(self._over.copy(), [None] * self.num_lanes)
         idle = np.clip(np.zeros(self.spec.action_size), self.spec.action_low, self.spec.action_high)
         everyone = np.tile(idle, (self.num_lanes, 1))
         everyone[chosen] = clipped
+        # Step, and check what came back.
         name = self.spec.name
         returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
         batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)
         rewards = self._column("rewards", rewards, "fiu").astype(np.float64)
-        terminated, truncated = self._column("terminated", terminated, "b"), self._column("truncated", truncated, "b")
+        terminated = self._column("terminated", terminated, "b")
+        truncated = self._column("truncated", truncated, "b")
         self._shown = self._rows("step", batch)
         self._over = terminated | truncated
         last = self._shown.copy()
@@ -130,34 +137,40 @@ class VectorEnvWorld(TrackedWorld):
             self._env.close()
 
     def _episode_seed(self, lane: int) -> int:
-        seed, episode = self._seeds[lane], int(self._episodes[lane])
+        seed = self._seeds[lane]
+        episode = int(self._episodes[lane])
         if episode == 0:
             return seed
         return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0]) & MAX_SEED
 
     def _reset_inside(self, mask: BoolArray, seeds: Sequence[int | None]) -> FloatArray:
         """Reset the lanes of the mask; at the first call all lanes, because a vector must start as a whole."""
-        mask = np.ones_like(mask) if self._shown is None else mask
-        given: dict[str, Any] = {} if mask.all() else {"options": {"reset_mask": mask.copy()}}
-        given["seed"] = [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]
+        if self._shown is None:
+            mask = np.ones_like(mask)
+        given: dict[str, Any] = {"seed": [seed if reset else None for seed, reset in zip(seeds, mask, strict=True)]}
+        if not mask.all():
+            given["options"] = {"reset_mask": mask.copy()}
         returned = call(self.spec.name, "reset", self._env.reset, **given)
         observations, _ = read_tuple(self.spec.name, "reset", returned, 2)
-        shown, kept = self._rows("reset", observations), ~mask & self.running
+        shown = self._rows("reset", observations)
+        kept = ~mask & self.running
         if self._shown is not None and not np.array_equal(shown[kept], self._shown[kept], equal_nan=True):
             raise PerdureError(
                 f"{self.spec.name}: resetting lanes {np.flatnonzero(mask)} changed other lanes. The VectorEnv does "
                 "not follow options['reset_mask'], or a wrapper mixes lanes; give its single environments to "
                 "GymnasiumWorld."
             )
-        self._shown, self._over = shown, self._over & ~mask
+        self._shown = shown
+        self._over = self._over & ~mask
         return shown
 
     def _column(self, what: str, values: Any, kinds: str) -> Any:
         """Return one value for each lane, of one of NumPy's kinds."""
         array = np.asarray(values)
         if array.shape != (self.num_lanes,) or array.dtype.kind not in kinds:
+            allowed = "bools" if kinds == "b" else "real numbers"
             raise PerdureError(
-                f"{self.spec.name}: {what} must be {'bools' if kinds == 'b' else 'real numbers'} of shape "
+                f"{self.spec.name}: {what} must be {allowed} of shape "
                 f"({self.num_lanes},), step returned {array.dtype} of shape {array.shape}"
             )
         return array
@@ -186,7 +199,9 @@ class VectorEnvWorld(TrackedWorld):
         if isinstance(final, dict) and "diverged" in final:  # what a lane said before it was reset in the same step
             found = np.where(self._over, np.asarray(final["diverged"], dtype=np.bool_), found)
         here = [divergence_count(env) > 0 for env in getattr(self._env.unwrapped, "envs", ())]
-        return found | np.array(here) if here else found
+        if here:
+            found = found | np.array(here)
+        return found
 
     def _successes(self, info: dict[str, Any], chosen: IntArray) -> FloatArray | None:
         """Return what the infos of these lanes report, see `Step.successes`."""
@@ -194,7 +209,9 @@ class VectorEnvWorld(TrackedWorld):
 
         from perdure.wrappers import SUCCESS_KEYS, lane_info, read_success
 
-        final = info["final_info"] if isinstance(info.get("final_info"), dict) else {}
+        final = info.get("final_info")
+        if not isinstance(final, dict):
+            final = {}
         if self.success_key is None and not {*SUCCESS_KEYS} & {*info, *final}:
             return None
         # In SAME_STEP mode the info of a lane that ended is of its reset; its last one is in final_info.

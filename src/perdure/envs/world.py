@@ -197,7 +197,9 @@ class TrackedWorld:
         """
         if self.closed:
             raise PerdureError("This world is closed; build a new one with make_world.")
-        return self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
+        if lanes is None:
+            return self._everyone
+        return checked_lanes(lanes, self.num_lanes)
 
     def begin(self, chosen: IntArray) -> None:
         """Record that these lanes, which were checked, begin a new episode."""
@@ -212,7 +214,9 @@ class TrackedWorld:
             PerdureError: If a lane does not exist, is named twice, has ended or was never reset.
         """
         chosen = self.lanes_to_reset(lanes)
-        running = self._running if chosen is self._everyone else self._running[chosen]
+        running = self._running
+        if chosen is not self._everyone:
+            running = running[chosen]
         if np.count_nonzero(running) != len(running):  # a third of the time of .all(), at every step
             raise PerdureError(self._why_not(chosen[~running]))
         return chosen
@@ -318,7 +322,8 @@ def _checked_discrete(values: FloatArray, chosen: IntArray, spec: TaskSpec) -> F
     legal = (values == np.rint(values)) & (values >= spec.action_low) & (values <= spec.action_high)
     if not legal.all():
         row, component = (int(each[0]) for each in np.nonzero(~legal))
-        low, high = spec.action_low[component], spec.action_high[component]
+        low = spec.action_low[component]
+        high = spec.action_high[component]
         raise PerdureError(
             f"{spec.name}: actions are whole numbers from {low:g} to {high:g}; lane {chosen[row]} got "
             f"{values[row, component]:g}."
@@ -344,7 +349,9 @@ def checked_seeds(seeds: Sequence[int]) -> list[int]:
 def named_lanes(lanes: IntArray, limit: int = 8) -> str:
     """Return lane numbers as text: "3, 5, 8", and how many more there are than `limit`."""
     shown = ", ".join(str(lane) for lane in lanes[:limit])
-    return shown if len(lanes) <= limit else f"{shown} and {len(lanes) - limit} more"
+    if len(lanes) > limit:
+        shown += f" and {len(lanes) - limit} more"
+    return shown
 
 
 def _array(values: npt.ArrayLike) -> npt.NDArray[Any]:

@@ -1,213 +1,33 @@
-"""Episodes far beyond the training horizon: which ones, how they run, and what is recorded of them.
+"""Episodes far beyond the training horizon: how they run, and what is recorded of them.
 
 An episode is one deployed run: a policy under a clock from a start state, calm or disturbed. `Extrapolation` says which
-ones there are, `evaluate_episodes` runs them.
+ones there are (`perdure.evaluate.options`), `evaluate_episodes` runs them.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
-from itertools import product
 from numbers import Real
-from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.disturbances import CALM, STANDARD, STANDARDS, Disturbance, labels, parse_disturbances
-from perdure.envs import FloatArray, TaskSpec, World, make_world, report_success
+from perdure.disturbances import Disturbance, labels
+from perdure.envs import FloatArray, World, make_world, report_success
 from perdure.envs.disturbances import DisturbedWorld, disturbed_task
-from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError, PerdureWarning
-from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
+from perdure.errors import PerdureError
+from perdure.horizon import Clock
 from perdure.policy import ClosedLoop, DivergenceDetector, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.network import one_thread
 from perdure.report.schema import MEASURES
 
 FIRST_EVAL_SEED = 1_000_000
 """Evaluation seed k starts a world from seed FIRST_EVAL_SEED + k."""
-CALM_STEPS, CALM_SEEDS, DISTURBED_STEPS, DISTURBED_SEEDS = 100_000, 3, 10_000, 36
-"""Steps and start states where none are asked for. Calm episodes of one policy hardly differ; 36 of 36 disturbed ones
-that hold show that at least 90 % do."""
-
-
-@dataclass(frozen=True)
-class Condition:
-    """Episodes that meet the same disturbances and last equally long."""
-
-    label: str
-    """How tables name it: "none", "standard-1", or the disturbances."""
-    disturbances: tuple[Disturbance, ...]
-    steps: int
-    eval_seeds: int
-    not_applied: str = ""
-    """What the world cannot do, as text."""
-
-
-Make: TypeAlias = Callable[[Sequence[Disturbance]], World]
-"""Builds a world of a task that takes these disturbances, or raises PerdureError."""
-
-
-@dataclass(frozen=True)
-class Extrapolation:
-    """A closed-loop evaluation over episodes = policies x clocks x evaluation seeds.
-
-    Raises:
-        PerdureError: If there is no episode or no step, a value is of another kind or out of range, or a clock makes no
-            sense.
-    """
-
-    policies: tuple[Path, ...]
-    """Policies for one task, each as `perdure.policy.find_policy` takes it, or ONNX models; texts become paths."""
-    steps: int | None = None
-    """T_test: steps of each episode; None: 100,000 calm ones, 10,000 disturbed ones."""
-    clocks: tuple[str, ...] = ("default",)
-    """Clocks of policies with a time-to-go input: "constant:500", "periodic:500", "countdown:100000", "countdown"
-    (to T_test), "default" (each policy's own clock), or "sweep" (the thesis' C: constant 0 to 1000 and periodic 100 to
-    1000 in steps of 100, and countdown). Policies without that input run once."""
-    eval_seeds: int | None = None
-    """Start states; None: 3 calm ones, 36 disturbed ones. The same seed starts from the same state under every policy
-    and clock."""
-    hours: float | None = field(default=None, kw_only=True)
-    """In place of `steps`: hours of each episode, by the environment's own control rate."""
-    first_eval_seed: int = field(default=0, kw_only=True)
-    """The first of those seeds: choose a policy or a clock on some seeds, report on others."""
-    modules: tuple[str, ...] = field(default=(), kw_only=True)
-    """Python modules that policies' tasks may import, as `gymnasium:MODULE:Id` does."""
-    env: str | None = field(default=None, kw_only=True)
-    """For ONNX models: the environment, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"."""
-    training_horizon: int | None = field(default=None, kw_only=True)
-    """For ONNX models: steps of a training episode, within which the reference is measured. None: what an exported
-    model says, or the step limit of the environment, 1,000 where it has none."""
-    disturb: tuple[str, ...] | None = field(default=None, kw_only=True)
-    """What disturbs the episodes, all together, such as "action_noise:0.1" or "push:0.5", or by name, "standard-1"; see
-    `perdure.disturbances`. "push:0.2,0.4": episodes under each level. ("none",): nothing. None: both, calm
-    episodes and those under standard-1; `steps` and `eval_seeds` are then of the calm ones. The same start state meets
-    the same draws under every policy and clock."""
-    success: str | None = field(default=None, kw_only=True)
-    """Entry of the environment's infos that says after every step whether the goal is reached; None: is_success or
-    success, where there is one."""
-    max_episodes: int = field(default=48, kw_only=True)
-    """Episodes that share one process at a time. Results do not depend on it; a kill costs at most one such group."""
-
-    def __post_init__(self) -> None:
-        positive = dict.fromkeys(("steps", "eval_seeds", "max_episodes", "training_horizon"), 1)
-        for name, least in {**positive, "first_eval_seed": 0}.items():
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, whole(name, getattr(self, name), least))
-        if self.hours is not None and self.steps is not None:
-            raise PerdureError(f"give steps or hours, not both: got {self.steps} steps and {self.hours} hours")
-        if self.hours is not None and not (isinstance(self.hours, int | float) and 0.0 < self.hours < math.inf):
-            raise PerdureError(f"hours must be a number above 0, got {self.hours!r}")
-        object.__setattr__(self, "policies", tuple(map(Path, _tuple("policies", self.policies, str | Path))))
-        for name in ("clocks", "modules", "disturb"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, _tuple(name, getattr(self, name), str))
-        if self.success is not None and not (isinstance(self.success, str) and self.success):
-            raise PerdureError(f"success must be the name of an info, such as 'is_success', got {self.success!r}")
-        if not self.policies:
-            raise PerdureError("no policy to evaluate: name at least one policy file")
-        if not self.clocks:
-            raise PerdureError("no clock to evaluate under; leave the option out to use each policy's own")
-        self.deployment_clocks(None, 1)
-        if self.disturb == ():
-            raise PerdureError(f'disturb must name something: ("{CALM}",) disturbs nothing')
-        seeds, asked = MAX_SEED + 1 - FIRST_EVAL_SEED, max(each.eval_seeds for each in self._asked(1.0))
-        if self.first_eval_seed + asked > seeds:
-            raise PerdureError(
-                f"first_eval_seed + eval_seeds must be at most {seeds}, got {self.first_eval_seed} + {asked}"
-            )
-
-    def _asked(self, step_seconds: float) -> list[Condition]:
-        """Return the conditions, before it is known what the world can do."""
-        steps = self.steps if self.hours is None else max(1, round(3600.0 * self.hours / step_seconds))
-        calm = Condition(CALM, (), steps or CALM_STEPS, self.eval_seeds or CALM_SEEDS)
-        disturbed = replace(calm, steps=steps or DISTURBED_STEPS, eval_seeds=self.eval_seeds or DISTURBED_SEEDS)
-        if self.disturb is None:
-            standard = parse_disturbances([STANDARD])
-            return [calm, Condition(STANDARD, standard, DISTURBED_STEPS, DISTURBED_SEEDS)]
-        found = []
-        for texts in product(*map(_levels, self.disturb)):
-            each = parse_disturbances(texts)
-            label = texts[0] if len(texts) == 1 and texts[0] in STANDARDS else labels(each)
-            found.append(replace(disturbed, label=label, disturbances=each) if each else calm)
-        return list(dict.fromkeys(found))
-
-    def conditions(self, spec: TaskSpec, make: Make) -> list[Condition]:
-        """Return the conditions under which policies of a task are evaluated.
-
-        A standard set of disturbances is applied as far as the world can; a task with discrete actions or a goal is
-        only then disturbed if that is asked for.
-
-        Args:
-            spec: Of the task.
-            make: Builds its worlds.
-
-        Raises:
-            PerdureError: If the world cannot do what `disturb` names, or does not tell how long a step is for `hours`.
-        """
-        if self.hours is not None and math.isnan(spec.step_seconds):
-            raise PerdureError(f"{spec.name} does not say how long a step is (its attribute dt): give steps, not hours")
-        asked, found = self._asked(spec.step_seconds), list[Condition]()
-        if self.disturb is None and (spec.discrete_actions or spec.has_goal):
-            why = f"{STANDARD}, because {spec.name} has " + ("discrete actions" if spec.discrete_actions else "a goal")
-            warnings.warn(f"not applied: {why}; name disturbances that it should meet", PerdureWarning, stacklevel=3)
-            return [replace(asked[0], not_applied=why)]
-        for each in asked:
-            if each.label in STANDARDS:
-                able = tuple(one for one in each.disturbances if _refusal(make, [one]) is None)
-                rest = ", ".join(one.name for one in each.disturbances if one not in able)
-                each = replace(each, disturbances=able, not_applied=rest)
-                if rest:
-                    words = f"{each.label} is applied without {rest}: {spec.name} cannot do it"
-                    warnings.warn(words, PerdureWarning, stacklevel=3)
-            elif each.disturbances and (error := _refusal(make, each.disturbances)) is not None:
-                raise error
-            found.append(each)
-        return found
-
-    def deployment_clocks(self, default: Clock | None, steps: int) -> tuple[Clock, ...]:
-        """Return the clocks of one policy with phi, each once, in the order given.
-
-        Args:
-            default: The policy's own clock.
-            steps: Of the episodes: where a countdown ends.
-        """
-        clocks: list[Clock] = []
-        for text in self.clocks:
-            if text == "default":
-                clocks += [] if default is None else [default]
-            elif text == "countdown":
-                clocks.append(Countdown(float(steps)))
-            elif text == "sweep":
-                clocks += [Constant(float(c)) for c in range(0, 1001, 100)]
-                clocks += [Periodic(float(c)) for c in range(100, 1001, 100)]  # Periodic(0) is Constant(0)
-                clocks.append(Countdown(float(steps)))
-            else:
-                clocks.append(parse_clock(text))
-        return tuple(dict.fromkeys(clocks))
-
-
-def _refusal(make: Make, disturbances: Sequence[Disturbance]) -> PerdureError | None:
-    """Return why a world does not take these disturbances together; None: it does."""
-    try:
-        with closing(make(disturbances)) as world:
-            std = np.zeros((world.num_lanes, world.spec.observation_size))
-            DisturbedWorld(world, disturbances, [0] * world.num_lanes, std)
-    except PerdureError as error:
-        return error
-    return None
-
-
-def _levels(text: str) -> list[str]:
-    """Return "push:0.2,0.4" as "push:0.2" and "push:0.4"."""
-    name, colon, levels = text.partition(":")
-    return [f"{name}{colon}{level}" for level in levels.split(",")]
+CALM_STEPS = 100_000
+"""Steps of calm episodes where none are asked for."""
 
 
 def whole(name: str, value: Any, least: int) -> int:
@@ -217,15 +37,6 @@ def whole(name: str, value: Any, least: int) -> int:
     if value < least:
         raise PerdureError(f"{name} must be at least {least}, got {value}")
     return int(value)
-
-
-def _tuple(name: str, values: Any, kind: Any) -> tuple[Any, ...]:
-    if isinstance(values, str | Path):
-        raise PerdureError(f"{name} must be a tuple, got {str(values)!r}; write ({str(values)!r},)")
-    what = "strings" if kind is str else "strings or paths"
-    if not isinstance(values, Sequence) or not all(isinstance(each, kind) for each in values):
-        raise PerdureError(f"{name} must be a list or tuple of {what}, got {values!r}")
-    return tuple(values)
 
 
 @dataclass(frozen=True)
@@ -278,8 +89,10 @@ def recorded_steps(steps: int) -> NDArray[np.int64]:
     return np.unique(np.concatenate([log, window_steps(steps), [steps]])).astype(np.int64)
 
 
-EVERY, SPAN = 10, 10
-"""Steps between two measurements, as events last much longer; measurements until movement has a new origin."""
+EVERY = 10
+"""Steps between two measurements of movement, as events last much longer."""
+SPAN = 10
+"""Measurements until movement has a new origin."""
 MARGIN = 0.5
 """A component has left its training range if it is outside by more than this share of the range."""
 
@@ -292,16 +105,22 @@ class MovementRecorder:
     """
 
     def __init__(self, policies: list[PolicyLike], steps: int) -> None:
-        episodes, size = len(policies), policies[0].task.observation_size
+        episodes = len(policies)
+        size = policies[0].task.observation_size
         std = np.stack([policy.observation_std for policy in policies])
         self._per_deviation = np.where(std > 1e-6, 1.0 / np.maximum(std, 1e-6), 0.0)
-        self._low, self._high = np.full((episodes, size), -np.inf), np.full((episodes, size), np.inf)
+        self._low = np.full((episodes, size), -np.inf)
+        self._high = np.full((episodes, size), np.inf)
         for episode, policy in enumerate(policies):
             if policy.reference is not None:
-                low, high = policy.reference.observation_low, policy.reference.observation_high
-                self._low[episode], self._high[episode] = low - MARGIN * (high - low), high + MARGIN * (high - low)
-        self._tenth, self._last_start = max(1, steps // 10), steps - max(1, steps // 10)
-        self._sums, self._counts = np.zeros((2, episodes)), np.zeros((2, episodes))
+                low = policy.reference.observation_low
+                high = policy.reference.observation_high
+                self._low[episode] = low - MARGIN * (high - low)
+                self._high[episode] = high + MARGIN * (high - low)
+        self._tenth = max(1, steps // 10)
+        self._last_start = steps - self._tenth
+        self._sums = np.zeros((2, episodes))
+        self._counts = np.zeros((2, episodes))
         self._origin = np.zeros((episodes, size))
         self.left_step = np.zeros(episodes, np.int64)
         """Step at which a component was first seen outside; 0: never."""
@@ -311,10 +130,16 @@ class MovementRecorder:
         """Record the episodes of this step, if it is a recording step."""
         if step % EVERY:
             return
-        episodes, after = loop_step.episodes, loop_step.step.observations
-        part = 0 if step <= self._tenth else 1 if step > self._last_start else None
+        episodes = loop_step.episodes
+        after = loop_step.step.observations
+        part = None
+        if step <= self._tenth:
+            part = 0
+        elif step > self._last_start:
+            part = 1
         with np.errstate(invalid="ignore", over="ignore"):
             if part is not None:
+                # Movement is measured from an origin that is renewed every SPAN measurements.
                 renewed = self._counts[part, episodes] % SPAN == 0
                 self._origin[episodes[renewed]] = loop_step.before[renewed]
                 moved = (np.abs(after - self._origin[episodes]) * self._per_deviation[episodes]).mean(axis=1)
@@ -322,6 +147,7 @@ class MovementRecorder:
                 self._sums[part, episodes[known]] += moved[known]
                 self._counts[part, episodes[known]] += 1
             outside = (after < self._low[episodes]) | (after > self._high[episodes])
+        # Of each episode the first component that left its training range is kept.
         new = outside.any(axis=1) & (self.left_step[episodes] == 0)
         self.left_step[episodes[new]] = step
         self.left_component[episodes[new]] = outside[new].argmax(axis=1)
@@ -337,14 +163,17 @@ class GoalRecorder:
     """First success, longest stay at the goal and success at the last step: `found`, see `EpisodeRecords.goals`."""
 
     def __init__(self, episodes: int) -> None:
-        self.found, self._stay = np.full((3, episodes), np.nan), np.zeros(episodes)
+        self.found = np.full((3, episodes), np.nan)
+        self._stay = np.zeros(episodes)
 
     def take(self, episodes: NDArray[np.int64], successes: FloatArray | None, step: int) -> None:
         """Record a step of these episodes, see `Step.successes`. A step that does not say is no success."""
         first, longest, _ = self.found[:, episodes]
         said = np.full(len(episodes), np.nan) if successes is None else successes
-        known, now = ~np.isnan(said) | ~np.isnan(first), said == 1.0
-        self._stay[episodes] = stay = np.where(now, self._stay[episodes] + 1.0, 0.0)
+        known = ~np.isnan(said) | ~np.isnan(first)
+        now = said == 1.0
+        stay = np.where(now, self._stay[episodes] + 1.0, 0.0)
+        self._stay[episodes] = stay
         found = [np.fmin(first, np.where(now, step, np.inf)), np.fmax(longest, stay), now]
         self.found[:, episodes] = np.where(known, found, np.nan)
 
@@ -400,7 +229,8 @@ def evaluate_episodes(
     """
     if not episodes:
         raise PerdureError("there is no episode to evaluate: give at least one EpisodeSpec")
-    steps, disturbances = whole("steps", episodes[0].steps, 1), episodes[0].disturbances
+    steps = whole("steps", episodes[0].steps, 1)
+    disturbances = episodes[0].disturbances
     for episode in episodes:
         if not 0 <= episode.policy < len(policies):
             raise PerdureError(
@@ -452,7 +282,8 @@ class _Recorder:
         self._next = 0
         self._returns = np.zeros((n, len(self._steps)))
         self._total = np.zeros(n)
-        self._end_step, self._reason = np.full(n, steps), np.full(n, SURVIVED)
+        self._end_step = np.full(n, steps)
+        self._reason = np.full(n, SURVIVED)
         self._divergence = DivergenceDetector(
             loop.observations, np.stack([each.policy.observation_std for each in acting]), hides_divergence
         )
@@ -462,7 +293,8 @@ class _Recorder:
     def take(self, step: int) -> None:
         """Advance the loop to step ``step`` and record the results."""
         loop_step = self._loop.advance()
-        episodes, result = loop_step.episodes, loop_step.step
+        episodes = loop_step.episodes
+        result = loop_step.step
         rewards = result.rewards
         diverged = self._divergence.diverged(loop_step)
         if diverged.any():
@@ -496,9 +328,13 @@ class _Recorder:
         )
 
     def _detail(self, episode: int) -> str:
-        parts = [self._divergence.signs[episode]] if self._reason[episode] == DIVERGED else []
-        if step := int(self._movement.left_step[episode]):
-            component, names = self._movement.left_component[episode], self._loop.world.spec.observation_names
+        parts = []
+        if self._reason[episode] == DIVERGED:
+            parts.append(self._divergence.signs[episode])
+        step = int(self._movement.left_step[episode])
+        if step:
+            component = self._movement.left_component[episode]
+            names = self._loop.world.spec.observation_names
             name = f"observation[{component}]" + (f" ({names[component]})" if names else "")
             parts.append(f"{name} left its training range at step {step:,}")
         return "; ".join(parts)

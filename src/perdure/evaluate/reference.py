@@ -153,21 +153,21 @@ def _earned(world: World, choose: Choose, steps: int) -> tuple[float, float]:
     return earned, made
 
 
-def idle_unit(task: str, versions: dict[str, str]) -> Unit:
-    """Return the measurement as a unit of work."""
+def idle_unit(task: str, versions: dict[str, str], source: OpenEnv | None = None) -> Unit:
+    """Return the measurement as a unit of work; `source` builds an environment that is no task by its name."""
     config = {"task": task, "episodes": EPISODES, "steps": STEPS, "versions": versions}
     return Unit(
         f"idle/{config_digest(config)[:16]}",
         config,
         f"{__name__}:run_idle",
-        {"task": task},
+        {"task": task, "source": source},
         size=float(2 * EPISODES * STEPS),
     )
 
 
-def run_idle(work: Work, *, task: str) -> None:
+def run_idle(work: Work, *, task: str, source: OpenEnv | None) -> None:
     """Measure the idle rate of a task and write it to the work folder; the function of `idle_unit`."""
-    write_atomic(work.folder / FILE, json.dumps(asdict(idle_baseline(task_env(task)))) + "\n")
+    write_atomic(work.folder / FILE, json.dumps(asdict(idle_baseline(source or task_env(task)))) + "\n")
 
 
 def read_idle(folder: Path) -> Idle:

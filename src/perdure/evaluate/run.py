@@ -1,52 +1,39 @@
-"""`extrapolate`: evaluate policies of any kind. Functions and policy objects are evaluated in this process."""
+"""`extrapolate` and `evaluate_files`: what a caller names becomes policies, worlds and options for the evaluator."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
-from dataclasses import replace
-from itertools import groupby
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import fields, replace
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from perdure.disturbances import Disturbance
-from perdure.envs import OpenEnv, World, make_world, open_env, refuse_import, report_success, task_of_environment
-from perdure.envs.disturbances import disturbed_task
-from perdure.errors import PerdureError
-from perdure.evaluate.episodes import FIRST_EVAL_SEED, Extrapolation
-from perdure.evaluate.judge import Baseline, judge_table, make_scales
-from perdure.evaluate.reference import idle_baseline, with_reference
-from perdure.evaluate.stored import GROUPS, REPLACED, evaluate_files, function_policy, load, plan, run_episodes
-from perdure.evaluate.table import TABLE, ExtrapolationResult, method_label, train_seed, with_not_applied
-from perdure.policy import Policy, PolicyLike
-from perdure.policy.onnx import OnnxModel, is_onnx
-from perdure.runs import Observer, Store, UnitProgress
+from perdure.envs import OpenEnv, open_env, refuse_import, report_success, task_of_environment
+from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX
+from perdure.errors import PerdureError, did_you_mean
+from perdure.evaluate.episodes import FIRST_EVAL_SEED
+from perdure.evaluate.options import OWN_CLOCK, Extrapolation
+from perdure.evaluate.reference import task_env
+from perdure.evaluate.stored import Execution, Source, Subject, Worlds, evaluate
+from perdure.evaluate.table import ExtrapolationResult, method_label, train_seed
+from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, find_policy, load_policy
+from perdure.policy.onnx import OnnxModel, is_onnx, model_digest
+from perdure.policy.reference import resolve_training_horizon
+from perdure.runs import Observer, config_digest
 from perdure.runs.progress import Lines
-from perdure.runs.workers import check_on, core_count
+from perdure.schema import printable
 
 
 def extrapolate(
     policy: Callable[..., Any] | Policy | str | Path | Sequence[str | Path],
     env: Any = None,
+    evaluation: Extrapolation | None = None,
     *,
-    steps: int | None = None,
-    hours: float | None = None,
-    clocks: Sequence[str] | str | None = None,
-    eval_seeds: int | None = None,
-    first_eval_seed: int = 0,
-    disturb: Sequence[str] | str | None = None,
-    success: str | None = None,
-    training_horizon: int | None = None,
     recurrent: bool = False,
     name: str | None = None,
-    out: str | Path | None = None,
-    cores: int | None = None,
-    on: str = "local",
-    max_episodes: int = 48,
-    modules: Sequence[str] = (),
-    command: str = "",
-    observe: Observer | None = None,
-    waiting: Callable[[], None] = lambda: None,
+    **options: Any,
 ) -> ExtrapolationResult:
     """Evaluate policies far beyond their training horizon.
 
@@ -60,125 +47,260 @@ def extrapolate(
         env: A name, such as "Hopper-v5" (Gymnasium's) or "envpool:Hopper-v5"; for what runs in this process also a
             factory or a VectorEnv. Step limits of its own are lifted: see `perdure.envs.open_env`. None: the task of
             the policy.
-        steps: How long each episode is asked to last; None: as in `Extrapolation`.
-        hours: In place of `steps`.
-        clocks: As in `Extrapolation`. For a function: None calls it without time; otherwise it gets the keywords
-            ``elapsed`` and ``horizon``.
-        eval_seeds: Start states; None: as in `Extrapolation`.
-        first_eval_seed: The first of them.
-        disturb: As in `Extrapolation`. None: calm episodes, and those under standard-1; "none": calm ones.
-        success: As in `Extrapolation`.
-        training_horizon: Steps of a training episode, within which the reference is measured. None: the step limit of
-            the environment, 1,000 where it has none. Not for a `Policy`, which knows its own, as does an ONNX model
-            that perdure exported.
+        evaluation: The options as an object.
         recurrent: The function has a memory.
         name: Of the function, in the table; by default its own.
-        out: Folder for the results; made if it is missing. None keeps nothing.
-        cores: Cores for files; all of them by default.
-        on: Where files are evaluated: see `evaluate_files`.
-        max_episodes: As in `Extrapolation`.
-        modules: Python modules that the tasks of policy files may import.
-        command: Stored with the table.
-        observe: Called with the progress; by default a line is printed on standard error every half minute.
-        waiting: Called once before waiting, if another evaluation into ``out`` is running.
+        options: The fields of `Extrapolation`, such as ``steps``, ``clocks``, ``eval_seeds`` and ``disturb``, also in
+            place of those of ``evaluation``; one clock, disturbance or module may be a text. The fields of `Execution`:
+            ``out``, ``cores``, ``on``, ``command``, ``observe``, ``waiting``. A function gets time, as the keywords
+            ``elapsed`` and ``horizon``, if ``clocks`` are named. ``training_horizon`` is not for a `Policy`, which
+            knows its own. Without ``observe`` a line is printed on standard error every half minute.
 
     Returns:
         The table of all episodes; as text, the verdicts.
 
     Raises:
-        PerdureError: If there is nothing to evaluate, a number makes no sense, an argument does not fit this kind of
-            policy, ``out`` holds a table that would be lost, a policy does not fit its environment or returns what is
-            no action, or an environment cannot be built or breaks its contract.
+        PerdureError: If there is nothing to evaluate, an option is unknown or makes no sense, an argument does not fit
+            this kind of policy, ``out`` holds a table that would be lost, a policy does not fit its environment or
+            returns what is no action, or an environment cannot be built or breaks its contract.
     """
-    check_on(on)
-    core_count(cores)
-    observe = observe or Lines("extrapolate", "steps")
-    files = (policy,) if isinstance(policy, str | Path) else policy if isinstance(policy, list | tuple) else ()
-    named: Any = (clocks,) if isinstance(clocks, str) else clocks
-    if named is None or (isinstance(named, list | tuple) and not named):
-        named = ("default",)
-    evaluation = Extrapolation(
-        tuple(files) if isinstance(policy, str | Path | list | tuple) else (Path(),),
-        steps,
-        named,
-        eval_seeds,
-        first_eval_seed=first_eval_seed,
-        hours=hours,
-        disturb=(disturb,) if isinstance(disturb, str) else None if disturb is None else tuple(disturb),
-        success=success,
-        modules=tuple(modules),
-        max_episodes=max_episodes,
-        env=env if isinstance(env, str) else None,
-        training_horizon=training_horizon,
-    )
-    if (recurrent and files) or (name is not None and files):
-        raise PerdureError("recurrent and name are for functions, not for files")
-    if files and (env is None or (isinstance(env, str) and any(map(is_onnx, files)))):
-        return evaluate_files(evaluation, out, cores=cores, on=on, command=command, observe=observe, waiting=waiting)
-    if len(files) > 1:
-        raise PerdureError("several policy files are evaluated in their own task: leave env out")
-    subject: Any = load(evaluation.policies[0]) if files else policy
+    asked, execution = _read_options(evaluation or Extrapolation(), options)
+    env = asked.env if env is None else env
+    subject: Any = policy
+    if isinstance(policy, str | Path | list | tuple):
+        if recurrent or name is not None:
+            raise PerdureError("recurrent and name are for functions, not for files")
+        files = tuple(map(Path, [policy] if isinstance(policy, str | Path) else policy))
+        if env is None or (isinstance(env, str) and any(map(is_onnx, files))):
+            asked = replace(asked, policies=files, env=env)
+            return evaluate(*_file_subjects(asked), asked, execution)
+        if len(files) > 1:
+            raise PerdureError("several policy files are evaluated in their own task: leave env out")
+        subject = load(files[0])
     if env is None:
         if not isinstance(subject, Policy):
             raise PerdureError("env (--env) is missing: name the task, or give a factory or a VectorEnv")
-        refuse_import(subject.task.name, evaluation.modules, "the policy")
+        refuse_import(subject.task.name, asked.modules, "the policy")
         env = subject.task.name
-    with ExitStack() as stack:
-        if out is not None:
-            store = Store(out)
-            stack.enter_context(store.exclusive("extrapolate", waiting))
-            if (store.root / TABLE).exists() or store.keys(GROUPS):
-                raise PerdureError(f"an evaluation in this process cannot be continued: {REPLACED.format(store.root)}")
-        opened = stack.enter_context(open_env(env))
-        source = replace(opened, make=lambda seeds: report_success(opened.make(seeds), success))
-        if not isinstance(subject, Policy):
-            timed = bool(subject.times) if isinstance(subject, OnnxModel) else clocks is not None
-            subject = function_policy(subject, source, timed, training_horizon, recurrent, name)
-        elif recurrent or training_horizon is not None:
-            raise PerdureError("recurrent and training_horizon are for functions; a Policy knows its own")
-        if success is not None and isinstance(subject, Policy):
-            subject = replace(subject, reference=None)  # measured without this entry
-        label = method_label(subject, "policy") if name is None else name
-        task = task_of_environment(env) if isinstance(env, str) else None
-        result = _evaluate_here(evaluation, subject, source, task, label, observe)
-        if out is None:
-            return result
-        result.write(out, command)
-        return replace(result, path=Path(out) / TABLE)
+    with open_env(env) as opened:
+        source = replace(opened, make=lambda seeds: report_success(opened.make(seeds), asked.success))
+        acting = _subject_here(subject, source, asked, recurrent, name)
+        worlds = Worlds(acting.policy.task.name, None if isinstance(env, str) else source, asked.success)
+        return evaluate([acting], worlds, asked, execution)
 
 
-def _evaluate_here(
-    evaluation: Extrapolation, policy: PolicyLike, source: OpenEnv, task: str | None, label: str, observe: Observer
+def evaluate_files(
+    evaluation: Extrapolation,
+    out: str | Path | None = None,
+    *,
+    cores: int | None = None,
+    on: str = "local",
+    command: str = "",
+    observe: Observer = lambda status: None,
+    waiting: Callable[[], None] = lambda: None,
 ) -> ExtrapolationResult:
-    """Evaluate one policy in this process; `task`: the name of the environment, if it has one."""
-    import polars as pl
+    """Evaluate every episode of policy files and write ``episodes.parquet`` into ``out``.
 
-    def make(disturbances: Sequence[Disturbance], seeds: Sequence[int]) -> World:
-        return source.make(seeds) if task is None else make_world(disturbed_task(task, disturbances), seeds)
+    Finished episodes are kept in ``out``. An interrupted evaluation resumes, and one with more clocks, start states or
+    policies runs only the new episodes. Results do not depend on the number of cores.
 
-    first_seeds = [FIRST_EVAL_SEED] * (source.lanes or 1)
-    with closing(source.make(first_seeds)) as world:
+    Args:
+        evaluation: What is evaluated.
+        out: A folder; made if it is missing. None keeps nothing.
+        cores: See `Execution`, as for the others.
+        on: Where.
+        command: Command line.
+        observe: Progress.
+        waiting: For another evaluation.
+
+    Raises:
+        PerdureError: If the policies do not belong to one task, ``out`` holds the table of a function, a group of
+            episodes failed, ``cores`` or ``on`` is out of range, or a policy file cannot be read.
+        OSError: If ``out`` cannot be written.
+    """
+    execution = Execution(out, cores, on, command, observe, waiting)
+    return evaluate(*_file_subjects(evaluation), evaluation, execution)
+
+
+def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tuple[Extrapolation, Execution]:
+    """Return the options that keywords name, over those of an evaluation."""
+    if evaluation.policies:
+        raise PerdureError("extrapolate takes policies as its first argument, not in an Extrapolation")
+    what = {each.name for each in fields(Extrapolation) if each.init} - {"policies", "env"}
+    how = {each.name for each in fields(Execution)}
+    for name in options:
+        if name not in what | how:
+            hint = did_you_mean(name, what | how)
+            raise PerdureError(f"extrapolate has no option {name!r}; it has {', '.join(sorted(what | how))}{hint}")
+    changes = {name: value for name, value in options.items() if name in what}
+    for name in ("clocks", "disturb", "modules"):
+        if isinstance(changes.get(name), str):
+            changes[name] = (changes[name],)
+    if changes.get("clocks") in (None, (), []):
+        changes["clocks"] = evaluation.clocks
+    places = {name: value for name, value in options.items() if name in how}
+    if places.get("observe") is None:
+        places["observe"] = Lines("extrapolate", "steps")
+    return replace(evaluation, **changes), Execution(**places)
+
+
+# Policies of this process
+
+
+def _subject_here(policy: Any, source: OpenEnv, asked: Extrapolation, recurrent: bool, name: str | None) -> Subject:
+    """Return a function, an ONNX model or a policy of this process as it acts in an environment."""
+    if not isinstance(policy, Policy):
+        timed = bool(policy.times) if isinstance(policy, OnnxModel) else asked.clocks != OWN_CLOCK
+        function = function_policy(policy, source, timed, asked.training_horizon, recurrent, name)
+        label = name or method_label(function, "policy")
+        return Subject(function, Source("function", lambda: function), label)
+    if recurrent or asked.training_horizon is not None:
+        raise PerdureError("recurrent and training_horizon are for functions; a Policy knows its own")
+    with closing(source.make([FIRST_EVAL_SEED] * (source.lanes or 1))) as world:
+        task = world.spec.name
+    # Tables name the environment that is run. Reference episodes in the file were measured without `success`.
+    acting = replace(policy, task=replace(policy.task, name=task))
+    if asked.success is not None:
+        acting = replace(acting, reference=None)
+    return Subject(acting, Source("policy", lambda: acting), name or method_label(policy, "policy"))
+
+
+def function_policy(
+    function: Any, source: OpenEnv, timed: bool, horizon: int | None, recurrent: bool = False, name: str | None = None
+) -> FunctionPolicy:
+    """Return a function or an ONNX model as a policy for the environment."""
+    if not callable(function):
+        raise PerdureError(
+            f"policy must be a function of observations, a Policy or its file, not {type(function).__name__}"
+        )
+    if name is None:
+        name = str(getattr(function, "__name__", type(function).__name__)).replace("<lambda>", "function")
+    elif not (0 < len(name) <= 500 and name.isprintable()):
+        raise PerdureError(f"name must be text of 1 to 500 characters in one line, got {name!r}")
+    if isinstance(function, OnnxModel):
+        if function.times == ("elapsed",):
+            raise PerdureError(f"{name} counts time itself; export it with a constant clock, or with none")
+        horizon = horizon or function.training_horizon
+        recurrent = bool(function.state)
+    with closing(source.make([FIRST_EVAL_SEED] * (source.lanes or 1))) as world:
         spec = world.spec
-    conditions = evaluation.conditions(spec, lambda disturbances: make(disturbances, first_seeds))
-    episodes = plan(evaluation, [policy], conditions)
-    policy, idle = with_reference(policy, source), idle_baseline(source)
-    assert policy.reference is not None
-    frames, finished = list[pl.DataFrame](), 0.0
-    total = sum(each.steps for each in episodes)
-    for _, same in groupby(episodes, key=lambda each: (each.disturbance, each.steps)):
-        mine = list(same)
-        for group in source.groups(len(mine)):
-            specs = [mine[k] for k in group]
+        spaces = world.spaces
+    if isinstance(function, OnnxModel):
+        function.check_sizes(spec)
+    return FunctionPolicy(
+        function,
+        TaskInfo.of(spec),
+        spaces,
+        recurrent,
+        timed,
+        float(resolve_training_horizon(spec, horizon)),
+        {"method": name, "seed": 0},
+    )
 
-            def report(done: float, _: float, before: float = finished) -> None:
-                observe({"episodes": UnitProgress("running", before + done, total)})
 
-            seeds = [FIRST_EVAL_SEED + episode.eval_seed for episode in specs]
-            with closing(make(specs[0].disturbances, seeds)) as world:
-                rows = run_episodes([label], [policy], specs, report, world, evaluation.success)
-            # The last episode is repeated where a VectorEnv fixes their number.
-            frames.append(rows.head(len(rows) // len(group) * len(set(group))))
-            finished += specs[0].steps * len(set(group))
-    frame = with_not_applied(pl.concat(frames).with_columns(task=pl.lit(spec.name)), conditions)
-    baselines = {(label, train_seed(policy)): Baseline(policy.reference, idle)}
-    return ExtrapolationResult(judge_table(frame, make_scales(baselines, spec.name)), None, baselines=baselines)
+# Policies of files
+
+
+def load(path: Path) -> Policy | OnnxModel:
+    """Return what is in a policy file or an ONNX model."""
+    return OnnxModel.load(path) if is_onnx(path) else load_policy(path)
+
+
+def read_file(path: str | Path, digest: str, task: str, horizon: int | None) -> PolicyLike:
+    """Return the policy of a policy file or an ONNX model.
+
+    Args:
+        path: The file.
+        digest: Its SHA-256, see `perdure.policy.onnx.model_digest`.
+        task: For an ONNX model.
+        horizon: Training horizon of an ONNX model in steps; None: its own, or that of the task.
+
+    Raises:
+        PerdureError: If the file has changed or cannot be read.
+    """
+    if model_digest(Path(path)) != digest:
+        raise PerdureError(f"{path} has changed since this evaluation began")
+    loaded = load(Path(path))
+    if isinstance(loaded, Policy):
+        return loaded
+    return function_policy(loaded, task_env(task), bool(loaded.times), horizon)
+
+
+def takes_clock(path: Path) -> bool:
+    """Return whether the policy in a file has a time-to-go input."""
+    loaded = load(path)
+    return loaded.has_clock if isinstance(loaded, Policy) else bool(loaded.times)
+
+
+def _file_subjects(evaluation: Extrapolation) -> tuple[list[Subject], Worlds]:
+    """Read every policy of an evaluation, and refuse what cannot be evaluated together."""
+    models = list(map(is_onnx, evaluation.policies))
+    if not models:
+        raise PerdureError("no policy to evaluate: name at least one policy file")
+    if evaluation.env is None and any(models):
+        raise PerdureError("an ONNX model needs its environment: --env Hopper-v5 (env=)")
+    if not any(models) and (evaluation.env, evaluation.training_horizon) != (None, None):
+        raise PerdureError("env and training_horizon are for ONNX models; a policy file names its own")
+    subjects = list[Subject]()
+    paths = [path if is_onnx(path) else find_policy(path) for path in evaluation.policies]
+    for path in paths:
+        subject = _file_subject(path, evaluation)
+        for other, before in zip(subjects, paths, strict=False):
+            if other.source.identity == subject.source.identity:
+                raise PerdureError(f"{before} and {path} hold the same policy: name only one of them")
+        subjects.append(subject)
+    _check_one_task([each.policy.task.name for each in subjects])
+    for path, subject in zip(paths, subjects, strict=True):
+        if isinstance(subject.policy, Policy):
+            refuse_import(subject.policy.task.name, evaluation.modules, str(path))
+    labels = _labels(paths, [each.policy for each in subjects])
+    subjects = [replace(each, label=label) for each, label in zip(subjects, labels, strict=True)]
+    return subjects, Worlds(subjects[0].policy.task.name, None, evaluation.success)
+
+
+def _file_subject(path: Path, evaluation: Extrapolation) -> Subject:
+    """Return the policy of a file, without a label."""
+    model = is_onnx(path)
+    task = task_of_environment(evaluation.env) if model and evaluation.env is not None else ""
+    if not path.is_file():
+        load(path)  # raises what is wrong
+    digest = model_digest(path)
+    policy = read_file(path, digest, task, evaluation.training_horizon)
+    identity = digest
+    horizon = None
+    if model:
+        horizon = int(policy.training_horizon)
+        parts = {"model": digest, "task": task, "horizon": policy.training_horizon}
+        identity = config_digest({**parts, "onnxruntime": version("onnxruntime")})
+    if evaluation.success is not None and isinstance(policy, Policy):
+        policy = replace(policy, reference=None)  # its reference episodes were measured without this entry
+    source = Source(identity, partial(read_file, path.absolute(), digest, task, horizon))
+    return Subject(policy, source, "", digest)
+
+
+def _check_one_task(names: Sequence[str]) -> None:
+    """Refuse policies for several tasks; one robot in two engines gets a way out."""
+    tasks = sorted(set(names))
+    if len(tasks) == 1:
+        return
+    robot, *others = {task.removeprefix(GYMNASIUM_PREFIX) for task in tasks}
+    way_out = ""
+    if not others:
+        way_out = (
+            f"; for EnvPool's, read models with --env {ENVPOOL_PREFIX}{robot}; for Gymnasium's, train in {tasks[-1]}"
+        )
+    raise PerdureError(
+        f"all policies of one evaluation must be for one task, these are for {', '.join(tasks)}{way_out}"
+    )
+
+
+def _labels(paths: Sequence[Path], policies: Sequence[PolicyLike]) -> list[str]:
+    """Return a short name for each policy: its method and preset, and what else distinguishes it."""
+    plain = [method_label(policy, printable(path.stem)) for path, policy in zip(paths, policies, strict=True)]
+    short = [f"{label} ({path.parent.name}/{path.stem})" for label, path in zip(plain, paths, strict=True)]
+    whole = [f"{label} ({path})" for label, path in zip(plain, paths, strict=True)]
+    seeds = [train_seed(policy) for policy in policies]
+    for labels in (plain, short):
+        if len(set(zip(labels, seeds, strict=True))) == len(paths):
+            return list(map(printable, labels))
+    return list(map(printable, whole))

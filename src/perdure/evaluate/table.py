@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perdure.evaluate.episodes import SURVIVED, Condition, EpisodeRecords, EpisodeSpec
+from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec
 from perdure.evaluate.judge import Baselines, write_baselines
+from perdure.evaluate.options import Condition
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
 from perdure.report.outcomes import outcome_words

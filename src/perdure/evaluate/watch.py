@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from perdure.disturbances import Disturbance, labels, parse_disturbances
+from perdure.disturbances import Disturbance, check_onsets, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.envpool import STEP_SECONDS
@@ -33,7 +33,7 @@ from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
 from perdure.evaluate.judge import Baseline, judge_table
 from perdure.evaluate.reference import idle_baseline, task_env, with_reference
-from perdure.evaluate.stored import read_file
+from perdure.evaluate.run import read_file
 from perdure.evaluate.table import episode_table, file_note, train_seed
 from perdure.evaluate.verdict import ScoreScale
 from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, annotate, check_film, save_picture, tile, write_film
@@ -181,6 +181,7 @@ def watch(
         raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
     clock = clock or getattr(policy, "clock", None)
     met = parse_disturbances(disturb)
+    check_onsets(met, steps)
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     refuse_import(policy.task.name, modules, "the policy")

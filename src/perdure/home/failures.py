@@ -37,8 +37,10 @@ NEARBY = 2.0 * AT
 """Moments after a release are spaced by the object's way while it is so near to its goal in [m] ..."""
 PACE = 0.002
 """... and by time, of which a second counts as much as a way of 2 mm: an object that rests uses up few pictures."""
-COLUMNS, SIZE = 4, (480, 320)
-"""Of one sheet; width and height of a picture in pixels, without the strip below."""
+COLUMNS = 4
+"""Pictures side by side on a sheet."""
+SIZE = (480, 320)
+"""Width and height of a picture in pixels, without the strip below."""
 FAR_HAND = 1.5
 """A hand farther from a handle than this in [m] is not shown."""
 
@@ -77,16 +79,20 @@ class Logged:
         Raises:
             PerdureError: If the release strategy is another simulator's, or a policy file is missing or has changed.
         """
-        log, given = self.log, self.protocol.options
+        log = self.log
+        given = self.protocol.options
         # The logs may be of several tasks: a policy replaces that of the tasks whose plans use its skill.
         elsewhere = SKILLS.keys() - set(needed_skills(get_task(log.task), given.planner))
         named = {skill: path for skill, path in policies.items() if skill not in elsewhere}
-        settle = given.settle_steps if log.diverged else log.length - log.steps
+        settle = log.length - log.steps
+        if log.diverged:
+            settle = given.settle_steps
         options = replace(given, eval_seed=log.eval_seed, settle_steps=settle)
         protocol = replace(self.protocol, policies={**self.protocol.policies, **named}, options=options)
         agent = Agent(protocol, log.train_seed)
         for skill, name in self.policies:
-            if (now := agent.policies[skill].name) != name and skill not in named:
+            now = agent.policies[skill].name
+            if now != name and skill not in named:
                 raise PerdureError(
                     f"{skill} of these logs was {name}, and is {now} now: --policies {skill}=FILE names one"
                 )
@@ -94,7 +100,9 @@ class Logged:
 
     def words(self, found: Label | None) -> str:
         """Return a label of this episode as text, such as `place_1, rolled, 013_apple`."""
-        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}" if found else "no failure"
+        if found is None:
+            return "no failure"
+        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}"
 
     @property
     def file_name(self) -> str:
@@ -114,9 +122,14 @@ def read_logged(
     Raises:
         PerdureError: A file holds no logs, an episode is there twice, or cannot be replayed by this package.
     """
+
+    def failed(log: EpisodeLog) -> bool:
+        return outcomes.label(log, counting) is not None
+
     found = []
     for logs, notes, path in read_log_files(paths):
-        if chosen := [log for log in logs if (wanted(log) if wanted else outcomes.label(log, counting) is not None)]:
+        chosen = list(filter(wanted or failed, logs))
+        if chosen:
             protocol = noted_protocol(notes, path)
             policies = tuple(read_note(notes, "policies", POLICIES).items())
             found += [Logged(log, counting, protocol, policies) for log in chosen]
@@ -157,22 +170,32 @@ def replay_failure(failure: Logged, agent: Agent) -> Replay:
 
 def picture_steps(replay: Replay, found: Label) -> dict[int, str]:
     """Return the steps to show, in order, each with a note on what happens there; fillers have an empty note."""
-    log, condition = replay.log, found.condition
-    release = outcomes.placement(log, found.target) if condition is not None and condition.name == "at" else None
+    log = replay.log
+    release = _judged_release(log, found)
+    way = np.arange(float(log.length))
     if log.diverged:
-        keys, way = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}, np.arange(float(log.length))
+        keys = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}
     elif release is not None:
         keys, way = _after_release(replay, release)
         placed = log.run("place", found.target)
-        keys = keys | _hardest(replay.history, placed) if placed and found.cause == "collision" else keys
+        if placed and found.cause == "collision":
+            keys |= _hardest(replay.history, placed)
     else:
-        keys, way = _in_run(replay, found), np.arange(float(log.length))
+        keys = _in_run(replay, found)
     return {step: keys.get(step, "") for step in _fill(sorted(keys), way)}
+
+
+def _judged_release(log: EpisodeLog, found: Label) -> Release | None:
+    """Return the release whose placement failed; None where something else failed."""
+    if found.condition is None or found.condition.name != "at":
+        return None
+    return outcomes.placement(log, found.target)
 
 
 def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], FloatArray]:
     """Return the steps to show of a placement, and a measure of progress at each step. Shape (steps,)."""
-    log, start = replay.log, release.step
+    log = replay.log
+    start = release.step
     end = min(int(release.track.step[-1]) + CONTROL_HZ, log.length - 1)
     position = replay.history.facts.object_positions[: log.length, release.target]
     moving = np.flatnonzero(np.linalg.norm(position[start:end] - position[end], axis=1) > REST_MOVE)
@@ -188,11 +211,18 @@ def _after_release(replay: Replay, release: Release) -> tuple[dict[int, str], Fl
 
 def _in_run(replay: Replay, found: Label) -> dict[int, str]:
     """Return the first and the last step of the skill that failed, and the step of its failure cause."""
-    log, history, condition = replay.log, replay.history, found.condition
+    log = replay.log
+    history = replay.history
+    condition = found.condition
     run = failed_run(log, found)
-    last = log.steps - 1 if run is None else max(run.end - 1, 0)
-    first = max(0, min(last - BEFORE, last if run is None else run.begin))
-    keys, steps = {first: "", last: ""}, slice(first, last + 1)
+    last = log.steps - 1
+    begin = last
+    if run is not None:
+        last = max(run.end - 1, 0)
+        begin = run.begin
+    first = max(0, min(last - BEFORE, begin))
+    keys = {first: "", last: ""}
+    steps = slice(first, last + 1)
     if run is not None and found.cause == "collision":
         return keys | _hardest(history, run)
     if found.cause == "wrong object grasped":
@@ -204,8 +234,9 @@ def _in_run(replay: Replay, found: Label) -> dict[int, str]:
     if condition is not None and found.cause.startswith("door") and not _its_own(log, found, condition):
         holds = condition.holds(history.facts)[: last + 1]
         undone = f"no longer {condition.name.partition('_')[0]}"
-        lost = 1 + np.flatnonzero(holds[:-1] & ~holds[1:])[-1:]
-        keys |= {step: note for k in lost for step, note in ((max(0, int(k) - BEFORE), ""), (int(k), undone))}
+        for step in (1 + np.flatnonzero(holds[:-1] & ~holds[1:])[-1:]).tolist():
+            keys[max(0, step - BEFORE)] = ""
+            keys[step] = undone
     return keys
 
 
@@ -224,7 +255,8 @@ def _its_own(log: EpisodeLog, found: Label, condition: Predicate) -> bool:
 def failed_run(log: EpisodeLog, found: Label) -> SkillRun | None:
     """Return the run of the label's skill, or its navigation if that collided harder; else the last run."""
     skill, _, number = found.stage.partition("_")
-    if (run := log.run(skill, int(number))) is None:
+    run = log.run(skill, int(number))
+    if run is None:
         return log.runs[-1] if log.runs else None
     if found.cause != "collision":
         return run
@@ -250,11 +282,19 @@ def failure_sheet(failure: Logged, replay: Replay) -> Picture:
     Raises:
         PerdureError: If no picture can be drawn on this machine.
     """
-    log, found = (failure.log, failure.label) if replay.label is None else (replay.log, replay.label)
+    log = replay.log
+    found = replay.label
+    if found is None:
+        log = failure.log
+        found = failure.label
     assert found is not None
-    episode, taken = failure.episode, picture_steps(replay, found)
+
+    # The pictures, all from the one direction that shows them best.
+    episode = failure.episode
+    taken = picture_steps(replay, found)
     views = [_view(episode, replay, found, step) for step in taken]
-    states, pictures = [replay.states[step] for step in taken], []
+    states = [replay.states[step] for step in taken]
+    pictures = []
     marks = [goal_marks(episode)[found.target]]
     simulator = render_scene(episode, failure.log.eval_seed)
     with Studio(simulator, SIZE) as studio:
@@ -264,6 +304,8 @@ def failure_sheet(failure: Logged, replay: Replay) -> Picture:
             put(simulator, state)
             below = _step_caption(episode, replay, step, note or measure)
             pictures.append(annotate(studio.take(shot, marks), (), below))
+
+    # What is written above them.
     title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
     numbers = _numbers(replay, found)
     if replay.label != failure.label:
@@ -274,14 +316,21 @@ def failure_sheet(failure: Logged, replay: Replay) -> Picture:
 
 def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[FloatArray, str]:
     """Return two points to show in [m], shape (2, 3), and the measure between them as text."""
-    facts, gripper, condition = replay.history.facts, replay.history.gripper[step], found.condition
-    thing, name = facts.object_positions[step, found.target], found.stage if condition is None else condition.name
+    facts = replay.history.facts
+    gripper = replay.history.gripper[step]
+    condition = found.condition
+    thing = facts.object_positions[step, found.target]
+    name = found.stage
+    if condition is not None:
+        name = condition.name
     if name.startswith(("at", "place", "not_holding")):
         goal = episode.goal_positions[found.target]
         return np.stack([thing, goal]), f"{np.linalg.norm(thing - goal):.2f} m from its goal"
     if name.startswith(("holding", "pick")):
-        away = np.linalg.norm(thing - gripper)
-        return np.stack([thing, gripper]), "in the hand" if facts.held[step] == found.target else f"{away:.2f} m away"
+        words = f"{np.linalg.norm(thing - gripper):.2f} m away"
+        if facts.held[step] == found.target:
+            words = "in the hand"
+        return np.stack([thing, gripper]), words
     containers = [episode.container(target) for target in range(len(episode.goals))]
     fridge = containers[found.target] == FRIDGE_DOOR if condition is None else name.endswith("fridge")
     link = FRIDGE_DOOR if fridge else next(each for each in containers if each not in (None, FRIDGE_DOOR))
@@ -300,25 +349,31 @@ def _step_caption(episode: Episode, replay: Replay, step: int, words: str) -> li
     run = log.run_at(step)
     begun = sum(each.begin <= step for each in log.runs)
     stages = zip(episode.home_task.stages, outcomes.stage_steps(log), strict=True)
-    skill = "after the plan" if run is None else skill_words(episode, run)
+    skill = "after the plan"
+    if run is not None:
+        skill = skill_words(episode, run)
     reached = tuple((stage.name, 0 <= when <= step) for stage, when in stages)
     return caption(f"{skill}: {words}", f"skill {begun}    {(step + 1) / CONTROL_HZ:.1f} s", reached)
 
 
 def _numbers(replay: Replay, found: Label) -> str:
     """Return the measurements behind the label as text."""
-    log, condition = replay.log, found.condition
-    release = outcomes.placement(log, found.target) if condition is not None and condition.name == "at" else None
+    log = replay.log
+    release = _judged_release(log, found)
     if release is not None:
         away, above = outcomes.release_offset(log, release)
-        lean, inside = float(outcomes.tilt(release.track.up[0])), outcomes.in_goal_since(log, release)
+        lean = float(outcomes.tilt(release.track.up[0]))
+        inside = outcomes.in_goal_since(log, release)
         stay = f"{inside.sum() / CONTROL_HZ:.1f} of {len(inside) / CONTROL_HZ:.1f} s"
         return (
             f"released {above:.3f} m above and {away:.3f} m beside its goal at {release.object_speed:.2f} m/s, "
             f"tilted by {lean:.0f} deg; in its goal {stay} after"
         )
-    if (run := failed_run(log, found)) is None:
+    run = failed_run(log, found)
+    if run is None:
         return "no skill ended"
     span = f"{run.begin / CONTROL_HZ:.1f} to {run.end / CONTROL_HZ:.1f} s"
-    reach = f"; hand {run.reach:.3f} m away at best" if run.skill == "pick" else ""
+    reach = ""
+    if run.skill == "pick":
+        reach = f"; hand {run.reach:.3f} m away at best"
     return f"{run.skill.replace('_', ' ')}: {span}, {run.ending}; largest contact force {run.force:.0f} N{reach}"

@@ -25,22 +25,38 @@ from perdure.home.evaluate.log import EpisodeLog, SkillRun
 from perdure.home.evaluate.outcomes import placement
 from perdure.home.evaluate.policies import SkillPolicy, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol
-from perdure.home.pictures import CAMERAS, COLORS, Follower, Line, Shot, Studio, goal_marks, overview, put, render_scene
+from perdure.home.pictures import (
+    CAMERAS,
+    COLORS,
+    Follower,
+    Line,
+    Mark,
+    Shot,
+    Studio,
+    goal_marks,
+    overview,
+    put,
+    render_scene,
+)
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import short_name
 from perdure.home.sim.scene import CONTROL_HZ
+from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode
 from perdure.home.tasks.tasks import SkillName, SkillStep
 
-BEFORE, AFTERWARDS = 45, 90
+BEFORE = 45
+AFTERWARDS = 90
 """Control steps that are shown before a release, and after it or after the end of the plan."""
 MARGIN = 0.9
 """Margin around the robot's way in overviews in [m]."""
 RATES = {".mp4": 30.0, ".gif": 12.5, ".webp": 12.5}
 """Pictures a second. GIFs count in hundredths of a second, and browsers slow down fast ones."""
-TITLE, WORDS, SMALL = 18, 18, 13
+TITLE = 18
+WORDS = 18
+SMALL = 13
 """Font sizes."""
 
 
@@ -72,9 +88,12 @@ class Agent:
     def caption(self) -> str:
         """Its name in logs, where learned policies act, and where the oracle does."""
         learned = [skill for skill, each in self.policies.items() if each.learned]
-        words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
-        if len(learned) in (0, len(self.policies)):
-            words = "learned policies" if learned else "the scripted oracle"
+        if not learned:
+            words = "the scripted oracle"
+        elif len(learned) == len(self.policies):
+            words = "learned policies"
+        else:
+            words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
         if learned and self.protocol.options.planner == "closed":
             words += ", after three failures the oracle"
         return f"{self.protocol.name}: {words}"
@@ -82,18 +101,29 @@ class Agent:
 
 def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> list[Row]:
     """Return the text below a picture; the names of stages turn green once they are reached."""
+    rows: list[Row] = [(WORDS, [(words, INK)]), (SMALL, [(clock, GRAY)])]
     names = [(name.replace("_", " "), GREEN if done else PALE) for name, done in stages]
-    return [(WORDS, [(words, INK)]), (SMALL, [(clock, GRAY)]), *([(SMALL, names)] if names else [])]
+    if names:
+        rows.append((SMALL, names))
+    return rows
 
 
 def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
     """Return what the robot does in a skill, such as `pick the bowl, attempt 2`."""
     if step.skill == "reset_arm":
         return "reset the arm"
-    verb, _, kind = ((step.toward or "pick") if step.skill == "navigate" else step.skill).partition("_")
-    words = f"{verb} the {kind or short_name(episode.objects[step.target].kind)}"
-    words = f"navigate to {words}" if step.skill == "navigate" else words
-    return f"{words}, attempt {step.attempt}{' (scripted)' if step.scripted else ''}" if step.attempt > 1 else words
+    skill = step.skill
+    prefix = ""
+    if step.skill == "navigate":
+        skill = step.toward or "pick"
+        prefix = "navigate to "
+    verb, _, kind = skill.partition("_")
+    words = f"{prefix}{verb} the {kind or short_name(episode.objects[step.target].kind)}"
+    if step.attempt > 1:
+        words += f", attempt {step.attempt}"
+        if step.scripted:
+            words += " (scripted)"
+    return words
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,26 +160,50 @@ def record(
     lane = np.array([0])
 
     def observe(world: VectorSimulator, running: Mapping[int, Running]) -> None:
-        now, step, state = running[0], running[0].current, world.sense(lane)
-        facts, stages = now.facts(world, 0), episode.home_task.stages
+        now = running[0]
+        step = now.current
+
+        # The stages that are reached, the benchmark's way: one after the other.
+        facts = now.facts(world, 0)
+        stages = episode.home_task.stages
         while not now.settling and len(reached) < len(stages) and stages[len(reached)].met(facts):
             reached.append(stages[len(reached)].name)
-        words = "the robot waits" if step is None else skill_words(episode, step)
-        begun, seconds = len(now.recorder.ended) + (step is not None), (len(frames) + 1) / CONTROL_HZ
-        clock, done = f"skill {begun}    {seconds:.1f} s", [(each.name, each.name in reached) for each in stages]
-        skill, target = "reset_arm" if step is None else step.skill, world.skill_goal(0).target
-        near = {"pick": state.object, "place": state.goal, "navigate": state.aim}.get(skill, state.handle)
-        focus = None if skill == "reset_arm" else near[0].copy()
-        focused = target if skill in ("pick", "place") else -1
-        said = caption(words, clock, done)
+
+        # What is said, and what the camera looks at.
+        words = "the robot waits"
+        begun = len(now.recorder.ended)
+        focus = None
+        focused = -1
+        if step is not None:
+            words = skill_words(episode, step)
+            begun += 1
+            focus, focused = _focus(step.skill, world.sense(lane))
+        seconds = (len(frames) + 1) / CONTROL_HZ
+        done = [(each.name, each.name in reached) for each in stages]
+        said = caption(words, f"skill {begun}    {seconds:.1f} s", done)
         frames.append(Frame(world.simulator(0).qpos.copy(), seconds, words, said, focus, focused))
         show(frames[-1])
 
-    protocol, options = agent.protocol, replace(agent.protocol.options, lanes=1, threads=1)
+    protocol = agent.protocol
+    options = replace(protocol.options, lanes=1, threads=1)
     acts = make_agents(agent.policies, protocol.release.strategy)
     executor = Executor(protocol.skills(), acts, options, strategy=protocol.name, train_seed=agent.train_seed)
     (log,) = executor.run([episode], observe)
     return frames, log
+
+
+def _focus(skill: SkillName, state: PrivilegedState) -> tuple[FloatArray | None, int]:
+    """Return the point of the room that a skill is about, shape (3,), and the number of the object there, else -1."""
+    target = int(state.target[0])
+    if skill == "reset_arm":
+        return None, -1
+    if skill == "pick":
+        return state.object[0].copy(), target
+    if skill == "place":
+        return state.goal[0].copy(), target
+    if skill == "navigate":
+        return state.aim[0].copy(), -1
+    return state.handle[0].copy(), -1
 
 
 def film_episode(
@@ -180,7 +234,8 @@ def film_episode(
     """
     check_film(path)
     lookup(CAMERAS, camera, "camera")
-    speed = speed if speed is not None else 4.0 if release is None else 1.0
+    if speed is None:
+        speed = 4.0 if release is None else 1.0
     if not (speed > 0.0 and math.isfinite(speed)):
         raise PerdureError(f"the speed of a film must be a number above 0, not {speed}")
     if any(side % 2 for side in size):
@@ -188,43 +243,94 @@ def film_episode(
     if release is not None and not 0 <= release < len(episode.goals):
         raise PerdureError(f"release must be a target from 0 to {len(episode.goals) - 1}, not {release}")
     logs: list[EpisodeLog] = []
-    rate, pace = RATES[path.suffix.lower()], f"{speed:g} x real time" if speed != 1.0 else "real time"
+    pace = _Pace(speed, RATES[path.suffix.lower()])
 
     def pictures() -> Iterator[Picture]:
         with Studio(render_scene(episode, 0), size) as studio:
             recordings = [record(episode, agent) for agent in agents]
             logs.extend(log for _, log in recordings)
-            takes, shot, marks = [frames for frames, _ in recordings], None, goal_marks(episode)
+            takes = [frames for frames, _ in recordings]
+            view: str | Shot = camera
+            marks = goal_marks(episode)
             if release is not None:
-                takes, marks = [_around_release(*each, release) for each in recordings], (marks[release],)
-                states, goal = [take[BEFORE].state for take in takes], np.array([marks[0].goal] * 2)
-                shot = Follower(studio.simulator).fixed(states, [goal] * len(states), release)[0]
+                takes = [_around_release(*each, release) for each in recordings]
+                marks = (marks[release],)
+                view = _release_shot(studio, takes, marks[0])
             elif camera in ("doll_house", "plan"):
-                ways = np.concatenate([log.history.base[:, :2] for log in logs if log.history is not None])
-                shot = overview(episode.apartment(), camera, size, np.concatenate([ways - MARGIN, ways + MARGIN]))
-            stride = CONTROL_HZ * speed / rate
-            length = max(len(frames) for frames in takes)
-            steps = [max(0, math.ceil(k * stride - 1e-9) - 1) for k in range(int(length / stride + 1e-9) + 1)]
-
-            def panel(agent: Agent, frames: Sequence[Frame]) -> Iterator[Picture]:
-                follower, ended = Follower(studio.simulator), False
-                for step in steps:
-                    if not ended:  # then its last picture stays
-                        ended, frame = step >= len(frames), frames[min(step, len(frames) - 1)]
-                        put(studio.simulator, frame.state)
-                        view: str | Shot = shot or camera
-                        if view == "follow":
-                            view = follower.shot(frame.focus, frame.focused, 1.0 / rate)
-                        title, below = f"{agent.title}{' (ended)' if ended else ''}", f"{agent.caption}; {pace}"
-                        above = [(TITLE, [(title, INK)]), (SMALL, [(below, GRAY)])]
-                        picture = annotate(studio.take(view, marks, frame.path), above, frame.caption)
-                    yield picture
-
-            for row in zip(*map(panel, agents, takes), strict=True):
+                view = _overview_of(episode, logs, camera, size)
+            steps = pace.steps(max(len(frames) for frames in takes))
+            panels = [
+                _panel(studio, agent, frames, view, marks, steps, pace)
+                for agent, frames in zip(agents, takes, strict=True)
+            ]
+            for row in zip(*panels, strict=True):
                 yield tile(row, len(row))
 
-    write_film(pictures(), path, rate)
+    write_film(pictures(), path, pace.rate)
     return logs
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How fast a film is played."""
+
+    speed: float
+    """Relative to real time."""
+    rate: float
+    """Pictures a second."""
+
+    @property
+    def words(self) -> str:
+        """Such as `4 x real time`."""
+        if self.speed == 1.0:
+            return "real time"
+        return f"{self.speed:g} x real time"
+
+    def steps(self, length: int) -> list[int]:
+        """Return the control step that each picture of a film of `length` steps shows."""
+        stride = CONTROL_HZ * self.speed / self.rate
+        return [max(0, math.ceil(k * stride - 1e-9) - 1) for k in range(int(length / stride + 1e-9) + 1)]
+
+
+def _release_shot(studio: Studio, takes: Sequence[Sequence[Frame]], mark: Mark) -> Shot:
+    """Return a camera that shows a goal well in all takes of a release."""
+    states = [take[BEFORE].state for take in takes]
+    goal = np.array([mark.goal] * 2)
+    return Follower(studio.simulator).fixed(states, [goal] * len(states), mark.number)[0]
+
+
+def _overview_of(episode: Episode, logs: Sequence[EpisodeLog], camera: str, size: tuple[int, int]) -> Shot:
+    """Return the camera `doll_house` or `plan` over wherever the robots drove."""
+    ways = np.concatenate([log.history.base[:, :2] for log in logs if log.history is not None])
+    return overview(episode.apartment(), camera, size, np.concatenate([ways - MARGIN, ways + MARGIN]))
+
+
+def _panel(
+    studio: Studio,
+    agent: Agent,
+    frames: Sequence[Frame],
+    camera: str | Shot,
+    marks: Sequence[Mark],
+    steps: Sequence[int],
+    pace: _Pace,
+) -> Iterator[Picture]:
+    """Yield the pictures of one agent with text around them; the last one stays once its episode has ended."""
+    follower = Follower(studio.simulator)
+    ended = False
+    for step in steps:
+        if not ended:
+            ended = step >= len(frames)
+            frame = frames[min(step, len(frames) - 1)]
+            put(studio.simulator, frame.state)
+            view = camera
+            if view == "follow":
+                view = follower.shot(frame.focus, frame.focused, 1.0 / pace.rate)
+            title = agent.title
+            if ended:
+                title = f"{title} (ended)"
+            above: list[Row] = [(TITLE, [(title, INK)]), (SMALL, [(f"{agent.caption}; {pace.words}", GRAY)])]
+            picture = annotate(studio.take(view, marks, frame.path), above, frame.caption)
+        yield picture
 
 
 def _around_release(frames: Sequence[Frame], log: EpisodeLog, target: int) -> list[Frame]:
@@ -232,17 +338,23 @@ def _around_release(frames: Sequence[Frame], log: EpisodeLog, target: int) -> li
     release = placement(log, target)
     if log.history is None or release is None:
         raise PerdureError(f"target {target} is never released in {log.name}")
-    goal, kind, color = np.array(log.targets[target].goal), short_name(log.targets[target].kind), COLORS[target]
+    goal = np.array(log.targets[target].goal)
+    kind = short_name(log.targets[target].kind)
     path: list[tuple[FloatArray, Color]] = []
     shown = []
     for step in range(release.step - BEFORE, release.step + AFTERWARDS + 1):
-        now, held = min(max(step, 0), log.length - 1), step <= release.step  # the last state waits
+        now = min(max(step, 0), log.length - 1)  # before the first state it waits, and after the last one
         place = log.history.facts.object_positions[now, target]
-        path.append((place, GRAY if held else color))
-        words, clock = f"{kind} in the hand", f"{abs(step - release.step) / CONTROL_HZ:.1f} s"
-        if not held:
+        seconds = abs(step - release.step) / CONTROL_HZ
+        if step <= release.step:
+            path.append((place, GRAY))
+            words = f"{kind} in the hand"
+            clock = f"{seconds:.1f} s before the release"
+        else:
+            path.append((place, COLORS[target]))
             words = f"released at {release.object_speed:.2f} m/s, {np.linalg.norm(place - goal):.2f} m from its goal"
-        said = caption(words, f"{clock} {'before' if held else 'after'} the release")
+            clock = f"{seconds:.1f} s after the release"
+        said = caption(words, clock)
         shown.append(replace(frames[now], caption=said, path=tuple(path)))
     return shown
 
@@ -288,11 +400,13 @@ def serve_episode(
 
 def _player(simulator: Simulator, scene: Any, speed: float, report: Callable[[str], None]) -> Callable[[Frame], None]:
     """Return a function that shows frames in a scene of mjviser at the playback speed."""
-    began, words = math.nan, ""
+    began = math.nan
+    words = ""
 
     def show(frame: Frame) -> None:
         nonlocal began, words
-        began = time.monotonic() if math.isnan(began) else began
+        if math.isnan(began):
+            began = time.monotonic()
         put(simulator, frame.state)
         scene.update_from_mjdata(simulator.data)
         if frame.words != words:

@@ -16,12 +16,13 @@ from perdure.home.sim.apartments import cut_away
 from perdure.home.sim.arrays import FloatArray, Vec3
 from perdure.home.sim.objects import short_name
 from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.sim.simulator import Simulator
 from perdure.home.tasks.episodes import Episode, episode_scene, start_pose
 from perdure.home.tasks.tasks import AT
 
-CAMERAS = dict.fromkeys(("doll_house", "plan", "follow", "head", "hand"))
+CAMERAS = dict.fromkeys(("doll_house", "plan", "follow", *ROBOT.cameras))
 """The whole apartment like a doll's house or from above, the robot from where it is seen best, its own two cameras."""
 LARGEST = 4096
 NEAR = 0.02
@@ -37,7 +38,8 @@ DOLL_HOUSE_ELEVATION = 52.0
 """How far the doll's house is looked down at in [deg]."""
 LOW_WALL = 1.0
 """Height in [m] up to which a picture of the whole apartment shows its walls in any case."""
-PIN, PIN_GAP = 0.35, 0.13
+PIN = 0.35
+PIN_GAP = 0.13
 """Length of the pin over an object, and its distance from the object's middle, in [m]; no pin where a path is drawn."""
 COLORS = ((25, 107, 219), (219, 41, 117), (25, 153, 71), (237, 128, 20), (120, 77, 204))
 """One for each target."""
@@ -49,9 +51,11 @@ Line = Sequence[tuple[FloatArray, Color]]
 DIRECTIONS = np.array(list(product(np.arange(24) * (np.pi / 12.0), np.radians([12.0, 24.0, 36.0, 50.0, 65.0]))))
 """Azimuths and elevations that are tried, in [rad]: where the camera is, seen from what it looks at."""
 USUAL_ELEVATION = np.radians(36.0)
-CLOSE, FAR = 2.9, 4.6
+CLOSE = 2.9
+FAR = 4.6
 """Distances of the following camera in [m], with the target at the robot and with the target far away."""
-NEAREST, ZOOM = 1.3, 1.7
+NEAREST = 1.3
+ZOOM = 1.7
 """Other cameras are NEAREST + ZOOM * (distance of the two things they look at) away, FAR at most, in [m]."""
 REACH = 2.4
 """A target farther from the robot than this in [m] is driven to: the camera stays with the robot."""
@@ -130,19 +134,26 @@ class Shot:
 
 def overview(apartment: Apartment, camera: str, size: tuple[int, int], corners: FloatArray | None = None) -> Shot:
     """Return the camera `doll_house` or `plan`, as near as corners (n, 2), or the whole apartment, fit into it."""
-    corners, up = np.array(apartment.room) if corners is None else corners, (0.0, 0.0, 1.0)
+    if corners is None:
+        corners = np.array(apartment.room)
     points = np.concatenate([np.c_[corners, np.full(len(corners), z)] for z in (0.0, LOW_WALL)])
     if camera == "plan":
-        backward, up = np.array([0.0, 0.0, 1.0]), (0.0, 1.0, 0.0)
+        backward = np.array([0.0, 0.0, 1.0])
+        up = (0.0, 1.0, 0.0)
     else:
         yaw = next((p.pose.yaw for p in apartment.pieces if p.kind == "kitchen_counter"), 0.5 * np.pi)
         backward = direction_of(yaw, np.radians(DOLL_HOUSE_ELEVATION))
-    target, distance = np.array([*(0.5 * (corners.min(axis=0) + corners.max(axis=0))), 0.0]), 30.0
+        up = (0.0, 0.0, 1.0)
+
+    # Look at the middle of what is seen, from so far that it just fits; a few steps are enough.
+    target = np.array([*(0.5 * (corners.min(axis=0) + corners.max(axis=0))), 0.0])
+    distance = 30.0
     tangents = np.tan(np.radians(0.5 * FOVY)) * np.array([size[0] / size[1], 1.0])
     for _ in range(8):
         shot = Shot(target + distance * backward, target, up)
         seen = shot.project(points, size)
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        low = seen.min(axis=0)
+        high = seen.max(axis=0)
         target = target + 0.5 * distance * (low + high) * tangents @ shot.axes[:2]
         distance *= 0.5 * float(np.max(high - low)) / 0.95
     return Shot(target + distance * backward, target, up)
@@ -164,9 +175,11 @@ class Studio(Renderer):
         model = copy(simulator.model)  # walls are cut away in this one
         model.vis.global_.fovy = FOVY
         model.vis.map.znear = NEAR / model.stat.extent  # MuJoCo counts it in sizes of the model
-        model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.14
+        model.vis.headlight.ambient[:] = 0.42
+        model.vis.headlight.diffuse[:] = 0.14
         super().__init__(model, size)
-        self.simulator, self._colors = simulator, model.geom_rgba.copy()
+        self.simulator = simulator
+        self._colors = model.geom_rgba.copy()
         self.options.geomgroup[:] = SEEN
         self.options.sitegroup[:] = 0
 
@@ -178,59 +191,90 @@ class Studio(Renderer):
             marks: Targets and goals to show.
             path: Points (3,) of a line, each with the color of the line to it.
         """
-        m = self._mujoco
-        made, apartment = m.MjvCamera(), self.simulator.scene.apartment
         if isinstance(camera, str):
             lookup(CAMERAS, camera, "camera")
-        if camera in ("head", "hand"):
-            made.type, made.fixedcamid = m.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
-        else:
-            if camera == "follow":
-                camera = Follower(self.simulator).shot()
-            camera = camera if isinstance(camera, Shot) else overview(apartment, camera, self.size)
-            self.model.geom_rgba[:] = self._colors
-            cut_away(self.model, apartment, camera.eye)
-            _, up, forward = camera.axes
-            level = up if abs(forward[2]) > 0.9999 else forward
-            made.type = m.mjtCamera.mjCAMERA_FREE
-            made.azimuth = np.degrees(np.arctan2(level[1], level[0]))
-            made.elevation = np.degrees(np.arcsin(np.clip(forward[2], -1.0, 1.0)))
-            made.distance, made.lookat[:] = np.linalg.norm(camera.target - camera.eye), camera.target
-        picture, labels = self.draw(self.simulator.data, made, lambda: self._decorate(marks, path)), []
-        if isinstance(camera, str):  # the robot's own
-            return picture
-        for mark in marks:
-            goal, place = np.array(mark.goal), self.simulator.object(mark.number)[0][:3]
-            tops = {} if path else {mark.label: place + (PIN_GAP + PIN) * UP}
-            if path or np.linalg.norm(place - goal) > AT:
-                tops[f"goal: {mark.label}"] = goal + AT * UP
-            at = 0.5 * (1.0 + camera.project(np.array([*tops.values()]), self.size) * (1.0, -1.0)) * self.size
-            labels += [(x, y, text, mark.color) for text, (x, y) in zip(tops, at.tolist(), strict=True)]
+        if isinstance(camera, str) and camera in ROBOT.cameras:
+            made = self._mujoco.MjvCamera()
+            made.type = self._mujoco.mjtCamera.mjCAMERA_FIXED
+            made.fixedcamid = self.model.camera(camera).id
+            return self.draw(self.simulator.data, made, lambda: self._decorate(marks, path))
+
+        if camera == "follow":
+            camera = Follower(self.simulator).shot()
+        apartment = self.simulator.scene.apartment
+        if isinstance(camera, str):
+            camera = overview(apartment, camera, self.size)
+        self.model.geom_rgba[:] = self._colors
+        cut_away(self.model, apartment, camera.eye)
+        picture = self.draw(self.simulator.data, self._free_camera(camera), lambda: self._decorate(marks, path))
+        labels = [label for mark in marks for label in self._labels(mark, camera, path)]
         return write_labels(picture, labels)
 
+    def _free_camera(self, shot: Shot) -> Any:
+        """Return MuJoCo's camera of a shot."""
+        _, up, forward = shot.axes
+        level = forward
+        if abs(forward[2]) > 0.9999:  # it looks straight down
+            level = up
+        made = self._mujoco.MjvCamera()
+        made.type = self._mujoco.mjtCamera.mjCAMERA_FREE
+        made.azimuth = np.degrees(np.arctan2(level[1], level[0]))
+        made.elevation = np.degrees(np.arcsin(np.clip(forward[2], -1.0, 1.0)))
+        made.distance = np.linalg.norm(shot.target - shot.eye)
+        made.lookat[:] = shot.target
+        return made
+
+    def _labels(self, mark: Mark, shot: Shot, path: Line) -> list[tuple[float, float, str, Color]]:
+        """Return the labels of an object and of its goal in a picture: position in pixels, text, color."""
+        goal = np.array(mark.goal)
+        place = self.simulator.object(mark.number)[0][:3]
+        tops = {}
+        if not path:
+            tops[mark.label] = place + (PIN_GAP + PIN) * UP
+        if path or np.linalg.norm(place - goal) > AT:
+            tops[f"goal: {mark.label}"] = goal + AT * UP
+        at = 0.5 * (1.0 + shot.project(np.array([*tops.values()]), self.size) * (1.0, -1.0)) * self.size
+        return [(x, y, text, mark.color) for text, (x, y) in zip(tops, at.tolist(), strict=True)]
+
     def _decorate(self, marks: Sequence[Mark], path: Line) -> None:
-        scene, geoms = self.scene, self._mujoco.mjtGeom
+        """Add lights, marks and a line to MuJoCo's scene."""
+        scene = self.scene
+        geoms = self._mujoco.mjtGeom
+
+        # Lights from the sides.
         for direction in FILL[: len(scene.lights) - scene.nlight]:
             light = scene.lights[scene.nlight]
             light.dir[:] = direction
-            light.type, light.castshadow, light.headlight = self._mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, 0, 0
-            light.ambient[:], light.diffuse[:], light.specular[:] = 0.0, FILL_STRENGTH, 0.0
+            light.type = self._mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+            light.castshadow = 0
+            light.headlight = 0
+            light.ambient[:] = 0.0
+            light.diffuse[:] = FILL_STRENGTH
+            light.specular[:] = 0.0
             scene.nlight += 1
+
+        # Targets and goals. Where a line is drawn it shows where the target is, and is seen through the ball.
         for mark in marks:
-            goal, pin = np.array(mark.goal), self.simulator.object(mark.number)[0][:3] + (PIN_GAP + PIN) * UP
+            goal = np.array(mark.goal)
             self._add(geoms.mjGEOM_SPHERE, (AT,) * 3, goal, mark.color, 0.2 if path else 0.32)
             self._add(geoms.mjGEOM_SPHERE, (0.018,) * 3, goal, mark.color, 1.0)
             if not path:
+                pin = self.simulator.object(mark.number)[0][:3] + (PIN_GAP + PIN) * UP
                 self._add(geoms.mjGEOM_ARROW, (0.012, 0.012, PIN), pin, mark.color, 0.95)
+
+        # The line.
         for (start, _), (end, color) in pairwise(path):
             line = self._add(geoms.mjGEOM_CAPSULE, (1.0,) * 3, start, color, 1.0)
             self._mujoco.mjv_connector(line, geoms.mjGEOM_CAPSULE, PATH_RADIUS, start, end)
 
     def _add(self, kind: Any, size: Vec3, place: FloatArray, color: Color, alpha: float) -> Any:
         """Add a geom with its z-axis down and return it; inside a goal's ball, an object counts as at its goal."""
-        geom, rgba = self.scene.geoms[self.scene.ngeom], np.array([*np.divide(color, 255.0), alpha], dtype=np.float32)
+        geom = self.scene.geoms[self.scene.ngeom]
+        rgba = np.array([*np.divide(color, 255.0), alpha], dtype=np.float32)
         self._mujoco.mjv_initGeom(geom, kind, np.array(size), place, np.diag([1.0, -1.0, -1.0]).ravel(), rgba)
-        geom.category, geom.emission, geom.specular = self._mujoco.mjtCatBit.mjCAT_DECOR, 0.35, 0.0
+        geom.category = self._mujoco.mjtCatBit.mjCAT_DECOR
+        geom.emission = 0.35
+        geom.specular = 0.0
         self.scene.ngeom += 1
         return geom
 
@@ -246,7 +290,8 @@ class Follower:
         self.simulator = simulator
         self._now: FloatArray | None = None
         self._middle = np.zeros(3)
-        self._wanted, self._age = np.zeros(2), np.inf
+        self._wanted = np.zeros(2)
+        self._age = np.inf
         self._model = copy(simulator.model)  # walls are cut away in this one
         self._colors = self._model.geom_rgba.copy()
 
@@ -255,22 +300,34 @@ class Follower:
 
         `focus` is a point of the room besides the robot, shape (3,); the object of number `exclude` does not hide it.
         """
+        # The point to look at, and from how far: between robot and focus, but not farther than the robot reaches.
         robot = np.array([*self.simulator.robot[:2], 0.7])
-        way = np.zeros(3) if focus is None else focus - robot
-        level = float(np.hypot(*way[:2]))
-        near = focus is not None and level <= REACH
-        middle = robot + (0.5 if near else 0.25 * REACH / max(level, 1e-9)) * way
-        middle[2] = np.clip(robot[2] + (0.5 * way[2] if near else 0.0), 0.5, 1.0)
-        distance = CLOSE + (FAR - CLOSE) * (0.3 if focus is None else min(level / REACH, 1.0))
-        if self._now is None or self._age >= PATIENCE:
-            points = [self.simulator.gripper, robot + np.array([0.0, 0.0, 0.3])]
-            if near and focus is not None:
+        points = [self.simulator.gripper, robot + np.array([0.0, 0.0, 0.3])]
+        middle = robot.copy()
+        distance = CLOSE + (FAR - CLOSE) * 0.3
+        if focus is not None:
+            way = focus - robot
+            level = float(np.hypot(*way[:2]))
+            distance = CLOSE + (FAR - CLOSE) * min(level / REACH, 1.0)
+            if level <= REACH:
+                middle = robot + 0.5 * way
                 points.insert(0, focus)
-            self._wanted, self._age = self._best(middle, distance, points, exclude), 0.0
+            else:
+                middle = robot + 0.25 * REACH / max(level, 1e-9) * way
+                middle[2] = robot[2]
+        middle[2] = np.clip(middle[2], 0.5, 1.0)
+
+        # The direction, which the camera keeps for a while.
+        if self._now is None or self._age >= PATIENCE:
+            self._wanted = self._best(middle, distance, points, exclude)
+            self._age = 0.0
         self._age += seconds
+
+        # Glide toward both, the shorter way round.
         aim = np.array([*self._wanted, distance])
         if self._now is None:
-            self._now, self._middle = aim, middle
+            self._now = aim
+            self._middle = middle
         change = aim - self._now
         change[0] = (change[0] + np.pi) % (2.0 * np.pi) - np.pi
         self._now = self._now + (1.0 - np.exp(-seconds / INERTIA)) * change
@@ -279,7 +336,8 @@ class Follower:
 
     def _best(self, middle: FloatArray, distance: float, points: Sequence[FloatArray], exclude: int) -> FloatArray:
         """Return azimuth and elevation from which most can be seen. Shape (2,)."""
-        azimuths, scores = DIRECTIONS[:, 0], self._scores(middle, distance, points, exclude)
+        azimuths = DIRECTIONS[:, 0]
+        scores = self._scores(middle, distance, points, exclude)
         scores += 0.3 * np.abs(np.sin(azimuths - self.simulator.robot[2]))  # from the side the arm is visible
         if self._now is not None:
             scores -= STAY / np.pi * np.abs((azimuths - self._now[0] + np.pi) % (2 * np.pi) - np.pi)
@@ -296,11 +354,14 @@ class Follower:
 
         Each shows two points (2, 3), the more important one first. The object of number `exclude` does not hide itself.
         """
-        total, framings = np.zeros(len(DIRECTIONS)), []
+        total = np.zeros(len(DIRECTIONS))
+        framings = []
         for state, pair in zip(states, pairs, strict=True):
             put(self.simulator, state)
-            framings.append((pair.mean(axis=0), min(NEAREST + ZOOM * float(np.linalg.norm(pair[0] - pair[1])), FAR)))
-            total += self._scores(*framings[-1], list(pair), exclude)
+            middle = pair.mean(axis=0)
+            distance = min(NEAREST + ZOOM * float(np.linalg.norm(pair[0] - pair[1])), FAR)
+            framings.append((middle, distance))
+            total += self._scores(middle, distance, list(pair), exclude)
         best = direction_of(*DIRECTIONS[int(np.argmax(total))])
         return [Shot(middle + distance * best, middle) for middle, distance in framings]
 
@@ -308,10 +369,16 @@ class Follower:
         """Return 1 for a free line of sight, 0.4 when only the robot blocks it, else 0. Points of shape (3,)."""
         import mujoco
 
-        model, geom, groups = self._model, np.array([-1], dtype=np.int32), np.array(SEEN, dtype=np.uint8)
+        model = self._model
+        geom = np.array([-1], dtype=np.int32)
+        groups = np.array(SEEN, dtype=np.uint8)
         model.geom_rgba[:] = self._colors
         cut_away(model, self.simulator.scene.apartment, eye)  # a ray passes through what is invisible
         body = -1 if exclude < 0 else int(model.body(f"object_{exclude}").id)
         share = mujoco.mj_ray(model, self.simulator.data, point, eye - point, groups, 1, body, geom)
         hit = int(geom[0])
-        return 1.0 if hit < 0 or share >= 1.0 else 0.4 * bool(self.simulator.scene.robot_geoms[hit])
+        if hit < 0 or share >= 1.0:
+            return 1.0
+        if self.simulator.scene.robot_geoms[hit]:
+            return 0.4
+        return 0.0

@@ -100,7 +100,9 @@ class Discounted:
     def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
         """See `Estimator.estimate`."""
         rewards, values, last_values, ends, _ = transitions
-        terminal = ends.terminated | ends.horizon_end if self.horizon_terminates else ends.terminated
+        terminal = ends.terminated
+        if self.horizon_terminates:
+            terminal = terminal | ends.horizon_end
         following = jnp.where(terminal, 0.0, jnp.where(ends.done, last_values, values[1:]))
         deltas = rewards + self.gamma * following - values[:-1]
         found = sum_traces(deltas, self.gamma * self.gae_lambda * (1.0 - ends.done.astype(rewards.dtype)))
@@ -163,7 +165,8 @@ class AverageReward:
 
     def estimate(self, state: AverageRewardState, transitions: Transitions) -> tuple[AverageRewardState, Estimate]:
         """See `Estimator.estimate`."""
-        values, ends = transitions.values, transitions.ends
+        values = transitions.values
+        ends = transitions.ends
         cost = jnp.where(ends.terminated, self.reset_cost / transitions.return_std, 0.0)
         rewards = (transitions.rewards - cost).astype(values.dtype)
         weight = jnp.maximum(self.alpha, 1.0 / (state.rollouts + 1.0))
@@ -204,7 +207,7 @@ def make_estimator(config: PPOConfig) -> Estimator:
     kind = lookup(ESTIMATORS, name, "estimator")
     valid = [each.name for each in fields(kind) if each.default is not MISSING]
     numbers: dict[str, float] = {}
-    for part in text.split(",") if text else []:
+    for part in filter(None, text.split(",")):
         key, _, value = part.partition("=")
         if key not in valid:
             known = f"the numbers of {name} are {', '.join(valid)}" if valid else f"{name} has no numbers"

@@ -35,7 +35,9 @@ def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOCo
     or uniform in +-1/sqrt(fan in) for weights and biases (torch's ``Linear``) when ``config.ortho_init`` is off.
     ``input_size`` is that of observation and phi together.
     """
-    modulating = config.protocol.embedding_size if config.conditioning == "film" else 0
+    modulating = 0
+    if config.conditioning == "film":
+        modulating = config.protocol.embedding_size
     params: Params = {"log_std": jnp.full((action_size,), config.log_std_init, jnp.float32)}
     for name, out_size, out_gain in (("policy", action_size, 0.01), ("value", 1, 1.0)):
         key, net_key = jax.random.split(key)
@@ -44,7 +46,8 @@ def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOCo
             gain = out_gain if layer == len(sizes) - 2 else math.sqrt(2.0)
             layer_key = jax.random.fold_in(net_key, layer)
             weight, bias = _init_layer(layer_key, fan_in, fan_out, gain, config.ortho_init)
-            params[f"{name}.{layer}.weight"], params[f"{name}.{layer}.bias"] = weight, bias
+            params[f"{name}.{layer}.weight"] = weight
+            params[f"{name}.{layer}.bias"] = bias
             if modulating and layer < len(sizes) - 2:
                 for part in ("scale", "shift"):
                     params[f"{name}.{layer}.{part}"] = jnp.zeros((modulating, fan_out), jnp.float32)
@@ -68,7 +71,8 @@ def forward(params: Params, network: str, inputs: jax.Array, activation: str) ->
     layers = sum(name.startswith(f"{network}.") and name.endswith(".weight") for name in params)
     squash = {"relu": jax.nn.relu, "tanh": jnp.tanh}[activation]
     first = len(params[f"{network}.0.weight"])
-    hidden, phi = inputs[:, :first], inputs[:, first:]
+    hidden = inputs[:, :first]
+    phi = inputs[:, first:]
     for layer in range(layers):
         hidden = hidden @ params[f"{network}.{layer}.weight"] + params[f"{network}.{layer}.bias"]
         if layer < layers - 1:

@@ -96,7 +96,8 @@ class PPO:
     def __init__(self, config: PPOConfig, spec: TaskSpec) -> None:
         if spec.discrete_actions:
             raise PerdureError(f"{spec.name}: PPO here needs continuous actions (a Box); this task's are discrete")
-        self._config, self._spec = config, spec
+        self._config = config
+        self._spec = spec
 
         def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
             return jax.jit(partial(function, config=config), compiler_options=COMPILER_OPTIONS, **options)
@@ -115,9 +116,12 @@ class PPO:
             seed: The training seed.
             start: Training continues this policy, see `perdure.learn.start`; None: new weights.
         """
-        config, spec = self._config, self._spec
+        config = self._config
+        spec = self._spec
         embedded = config.protocol.embedding_size
-        normalized = spec.observation_size + (embedded if config.protocol.normalize_embedding else 0)
+        normalized = spec.observation_size
+        if config.protocol.normalize_embedding:
+            normalized += embedded
         with jax.enable_x64(True):
             key = stream(seed, WEIGHT_STREAM)
             params = init_params(key, spec.observation_size + embedded, spec.action_size, config)
@@ -159,7 +163,9 @@ class PPO:
             handle, last, traced = running.collect(running.handle, start, state.params, draws)
             rollout = _ready(self._finish(last, traced))
         prepared = _ready(self._prepare(state.params, state.estimator, rollout.experience, seed, iteration))
-        params, adam, losses = state.params, state.adam, []
+        params = state.params
+        adam = state.adam
+        losses = []
         for order in prepared.orders:
             params, adam, reported = _ready(self._epoch(params, adam, prepared.batch, order))
             losses.append(reported)
@@ -180,7 +186,8 @@ class PPO:
 
     def policy(self, state: PPOState) -> Policy:
         """Return the policy of the current weights, without provenance and reference."""
-        spec, moments = self._spec, state.statistics.observations
+        spec = self._spec
+        moments = state.statistics.observations
         return Policy(
             task=TaskInfo.of(spec),
             weights={name: np.asarray(value) for name, value in state.params.items()},
@@ -367,5 +374,6 @@ def _ended_episodes(episodes: Episodes, iteration: int, config: PPOConfig) -> ND
     """Return rows (step, return, length) of the episodes that ended, in the order of their steps."""
     when, env = np.nonzero(np.asarray(episodes.done))
     steps = iteration * config.rollout_size + (when + 1) * config.n_envs
-    returns, lengths = np.asarray(episodes.returns)[when, env], np.asarray(episodes.lengths)[when, env]
+    returns = np.asarray(episodes.returns)[when, env]
+    lengths = np.asarray(episodes.lengths)[when, env]
     return np.stack([steps, returns, lengths], axis=1).astype(np.float64)

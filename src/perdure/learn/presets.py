@@ -96,7 +96,8 @@ _ZOO = {
     "Humanoid": _tuned(0.95, 512, 256, 5, 0.9, 3.56987e-5, 2.38306e-3, 0.3, 2.0, 0.431892, **_WIDE, **_LONG),
     "Swimmer": _tuned(0.9999, 1024, 256, 10, 0.98, 6e-4, 0.0, 0.2, 0.5, 0.5, n_envs=4),
 }
-_DEFAULTS, _CLEANRL = Preset(0.99, {}), Preset(0.99, {"learning_rate_decay": "linear"})
+_DEFAULTS = Preset(0.99, {})
+_CLEANRL = Preset(0.99, {"learning_rate_decay": "linear"})
 
 PRESETS: dict[str, Callable[[str], Preset]] = {
     ZOO: lambda robot: _ZOO.get(robot, _DEFAULTS),
@@ -107,7 +108,9 @@ PRESETS: dict[str, Callable[[str], Preset]] = {
 
 EPISODE_STEPS = 1000
 """Training horizon where the environment has no step limit of its own. The methods' horizons are written for it."""
-EPISODE, SHORT_EPISODE, RANDOM_EPISODE = Fixed(EPISODE_STEPS), Fixed(200), Uniform(200, EPISODE_STEPS)
+EPISODE = Fixed(EPISODE_STEPS)
+SHORT_EPISODE = Fixed(200)
+RANDOM_EPISODE = Uniform(200, EPISODE_STEPS)
 DEPLOYED_STEPS_TO_GO = 500
 """Largest C of the default clock."""
 
@@ -168,21 +171,26 @@ def method_config(
         PerdureError: If there is no such method or preset.
     """
     chosen = lookup(METHODS, method, "method")
-    tuned = lookup(PRESETS, usual_preset(task) if preset is None else preset, "preset")(robot_of(task))
-    gamma = 1.0 if chosen.undiscounted else tuned.gamma
+    tuned = lookup(PRESETS, preset or usual_preset(task), "preset")(robot_of(task))
+    embedding = None
+    if chosen.embedding is not None:
+        embedding = chosen.embedding(observation_size, task)
+    # The horizons of the table are written for episodes of EPISODE_STEPS.
     whole = {name: value for name, value in vars(chosen.horizon).items() if isinstance(value, int)}
     steps = {name: max(1, value * limit // EPISODE_STEPS) for name, value in whole.items()}
     protocol = HorizonProtocol(
-        embedding=None if chosen.embedding is None else chosen.embedding(observation_size, task),
+        embedding=embedding,
         horizon=type(chosen.horizon)(**vars(chosen.horizon) | steps),
         end="terminated" if chosen.terminal else "truncated",
-        gamma=gamma,
+        gamma=1.0 if chosen.undiscounted else tuned.gamma,
         normalizer_gamma=tuned.gamma,
     )
     config = PPOConfig(
         protocol=protocol, estimator=chosen.estimator, conditioning=chosen.conditioning, **tuned.settings
     )
-    return config if chosen.n_envs is None else dataclasses.replace(config, n_envs=chosen.n_envs)
+    if chosen.n_envs is not None:
+        config = dataclasses.replace(config, n_envs=chosen.n_envs)
+    return config
 
 
 def default_clock(config: PPOConfig) -> Clock | None:

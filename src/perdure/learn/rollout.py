@@ -117,21 +117,26 @@ def make_collect(
 
     It returns the engine's handle, the state after the last step, and the trace from which `finish` makes experience.
     """
-    low, high = jnp.asarray(spec.action_low), jnp.asarray(spec.action_high)
-    gamma, horizon = config.protocol.normalizer_gamma, config.protocol.horizon
+    low = jnp.asarray(spec.action_low)
+    high = jnp.asarray(spec.action_high)
+    gamma = config.protocol.normalizer_gamma
+    horizon = config.protocol.horizon
 
     def collect(handle: Handle, start: Carry, params: Params, draws: Draws) -> tuple[Handle, Carry, Trace]:
         def step(carry: tuple[Handle, Carry], draw: Draws) -> tuple[tuple[Handle, Carry], Trace]:
+            # Act: the mean of the Gaussian and noise, cut to the action box, since EnvPool clips nothing.
             handle, (env_state, statistics) = carry
             inputs = _current_inputs(config, env_state, statistics)
             mean = forward(params, "policy", inputs, config.activation)
             actions = mean + jnp.exp(params["log_std"]) * draw.noise
             handle, stepped = world.step(handle, jnp.clip(actions.astype(jnp.float64), low, high))
 
-            (elapsed, horizons, discounted, returns), rewards = env_state.counters, stepped.rewards
+            # Count: has the episode ended, by the task, by the engine or by its training horizon?
+            elapsed, horizons, discounted, returns = env_state.counters
+            rewards = stepped.rewards
             counters = jnp.stack([elapsed + 1, horizons, discounted * gamma + rewards, returns + rewards])
             done = Ends(stepped.terminated, stepped.truncated, counters[0] >= counters[1]).done
-            # Resets leave the program, so they are paid for only when an episode ends.
+            # Reset what ended. Resets leave the program, so they are paid for only when an episode ends.
             observations = jax.lax.cond(
                 done.any(),
                 lambda: jnp.where(done[:, None], world.reset(done), stepped.observations),
@@ -139,6 +144,7 @@ def make_collect(
             )
             restarted = _start_counters(horizon.from_uniform(draw.horizon))
             now = EnvState(observations, jnp.where(done, restarted, counters))
+            # Update the normalizers with what follows the step.
             seen = Statistics(
                 update_moments(config, statistics.observations, now), merge(statistics.returns, counters[2][:, None])
             )

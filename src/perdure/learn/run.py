@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.disturbances import parse_disturbances
+from perdure.disturbances import check_onsets, parse_disturbances
 from perdure.envs import TaskSpec, make_world, task_spec
 from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
@@ -90,6 +90,7 @@ class TrainRun:
 
     def __post_init__(self) -> None:
         disturbances = parse_disturbances(self.disturb)
+        check_onsets(disturbances, self.config.protocol.horizon.longest)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
         usual = usual_preset(self.task) if self.config.presets else ZOO
@@ -105,20 +106,29 @@ class TrainRun:
 
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
-        variant = self.method if self.preset == ZOO else f"{self.method}@{self.preset}"
-        task = Path(self.task).name if is_contract(self.task) else self.task
+        variant = self.method
+        if self.preset != ZOO:
+            variant += f"@{self.preset}"
+        task = self.task
+        if is_contract(task):
+            task = Path(task).name
         return f"{re.sub('[^A-Za-z0-9._+=,@()/-]', '_', task)}/{variant}/seed-{seed}"
 
     def identity(self, seed: int) -> dict[str, Any]:
         """Return everything that the result of one seed depends on."""
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
-        identity |= {"preset": self.preset} if self.preset != ZOO else {}
-        identity |= {"disturb": list(self.disturb)} if self.disturb else {}
-        identity |= {"inputs": self.inputs} if self.inputs else {}
+        if self.preset != ZOO:
+            identity["preset"] = self.preset
+        if self.disturb:
+            identity["disturb"] = list(self.disturb)
+        if self.inputs:
+            identity["inputs"] = self.inputs
         if self.start is not None:
             identity["from"] = file_digest(Path(self._start(seed) or ""))
         source = task_source_digest(self.task)
-        return identity | ({"source": source} if source else {})
+        if source:
+            identity["source"] = source
+        return identity
 
     def _start(self, seed: int) -> str | None:
         """Return the policy that a seed continues as an absolute path, which another process can open."""
@@ -166,7 +176,8 @@ def train(
             seed failed, or ``cores`` or ``on`` is out of range.
     """
     check_on(on)
-    store, units = Store(out), [run.unit(seed) for seed in run.seeds]
+    store = Store(out)
+    units = [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
     run_missing(units, out, on, cores, observe or Lines("train", "steps"), waiting)
     return [store.get(unit.key) / POLICY for unit in units]
@@ -241,19 +252,25 @@ def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = N
     import polars as pl
 
     segments = _segments(run.task, run.config, work.threads, run.disturb)
-    checkpoint, steps = work.folder / CHECKPOINT, run.config.iterations * run.config.iteration_steps
+    checkpoint = work.folder / CHECKPOINT
+    steps = run.config.iterations * run.config.iteration_steps
     if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
         checkpoint.unlink(missing_ok=True)
         return True
-    policy = None if start is None else load_policy(start)
+    # Where the run stands: its first state, or that of its last checkpoint.
+    policy = None
+    if start is not None:
+        policy = load_policy(start)
     state = segments.first(seed, policy)
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, state)
+    # One more segment.
     if state.segment < run.config.segments:
         state = segments.run(state, lambda step, mean: work.report(step, steps, **{"return": mean}))
         save_checkpoint(state, checkpoint)
     if state.segment < run.config.segments:
         return False
+    # The last one: learning curves, then the policy, whose file says that all is there.
     for name, columns in (("episodes", EPISODE_COLUMNS), ("iterations", segments.columns)):  # no wall-clock times
         curve = pl.DataFrame(dict(zip(columns, getattr(state, name).T, strict=True)))
         write_atomic(work.folder / f"{name}.parquet", parquet_bytes(curve))
@@ -268,9 +285,13 @@ class Segments:
     def __init__(self, task: str, config: Configuration, threads: int, disturb: tuple[str, ...] = ()) -> None:
         self.spec = task_spec(task)
         self._disturbances = parse_disturbances(disturb)
-        self._task, self._config, self._threads = disturbed_task(task, self._disturbances), config, threads
-        self.engine = task_spec(self._task).engine if disturb else self.spec.engine
+        self._task = disturbed_task(task, self._disturbances)
+        self._config = config
+        self._threads = threads
+        self.engine = self.spec.engine
         """Simulator of the training episodes, and its version."""
+        if disturb:
+            self.engine = task_spec(self._task).engine
         self.algorithm: Algorithm = config.make(self.spec)
         self._slot = WorldSlot()
 
@@ -292,20 +313,26 @@ class Segments:
             state: After the segments so far.
             progress: Called after each iteration with (environment steps so far, mean return of the last episodes).
         """
-        config, seed, segment = self._config, state.seed, state.segment
+        config = self._config
+        seed = state.seed
+        segment = state.segment
         first = segment * config.segment_iterations
         last = min(first + config.segment_iterations, config.iterations)
         # Of the environments: 31-bit numbers that share no simple pattern.
         seeds = [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(config.n_envs, np.uint32) >> 1]
-        learner, episodes, iterations = state.learner, [state.episodes], [state.iterations]
+        learner = state.learner
+        episodes = [state.episodes]
+        iterations = [state.iterations]
         world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         try:
+            # New environments, disturbed if they are to be.
             if self._disturbances:
                 spread = np.tile(self.algorithm.observation_std(learner), (len(seeds), 1))
                 world = DisturbedWorld(world, self._disturbances, seeds, spread)
             observations = world.reset()
             self._slot.fill(world)
             learner, running = self.algorithm.start(learner, self._slot, observations, seed=seed, segment=segment)
+            # Learn. Observation noise scales with the spread of the observations so far.
             for iteration in range(first, last):
                 if isinstance(world, DisturbedWorld):
                     world.observation_std[:] = self.algorithm.observation_std(learner)
@@ -333,7 +360,9 @@ _segments = lru_cache(maxsize=1)(Segments)
 def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
     """Return the mean return of the last RECENT_EPISODES of these rows; nan if there are none."""
     last = np.concatenate(episodes)[-RECENT_EPISODES:, 1]
-    return float(last.mean()) if len(last) else math.nan
+    if not len(last):
+        return math.nan
+    return float(last.mean())
 
 
 def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str | None = None) -> Policy:
@@ -345,21 +374,21 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str
         state: After its last segment.
         start: File of the policy that it continued.
     """
-    spec = segments.spec
-    policy = dataclasses.replace(
-        segments.algorithm.policy(state.learner),
-        provenance={
-            "method": run.method,
-            "seed": state.seed,
-            "config": run.config.to_json(),
-            "engine": segments.engine,
-            "versions": versions("jax", "numpy", "mujoco"),
-            "command": command(run, spec, state.seed),
-            **({} if run.preset == ZOO else {"preset": run.preset}),
-            **({"disturb": list(run.disturb)} if run.disturb else {}),
-            **({} if start is None else {"from": _continued(start)}),
-        },
-    )
+    provenance: dict[str, Any] = {
+        "method": run.method,
+        "seed": state.seed,
+        "config": run.config.to_json(),
+        "engine": segments.engine,
+        "versions": versions("jax", "numpy", "mujoco"),
+        "command": command(run, segments.spec, state.seed),
+    }
+    if run.preset != ZOO:
+        provenance["preset"] = run.preset
+    if run.disturb:
+        provenance["disturb"] = list(run.disturb)
+    if start is not None:
+        provenance["from"] = _continued(start)
+    policy = dataclasses.replace(segments.algorithm.policy(state.learner), provenance=provenance)
     return dataclasses.replace(policy, reference=measure_reference(policy))
 
 
@@ -376,12 +405,17 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     if base not in all_methods():
         return ""
     words = ["perdure", "train", run.task, "--method", base]
-    words += [] if run.method == base else ["--name", run.method]
-    words += ["--preset", str(run.preset)] if run.config.presets else []
+    preset = None
+    if run.method != base:
+        words += ["--name", run.method]
+    if run.config.presets:
+        preset = run.preset
+        words += ["--preset", str(preset)]
     words += ["--seeds", str(seed)]
-    words += ["--disturb", *run.disturb] if run.disturb else []
-    words += ["--from", str(run.start)] if run.start is not None else []
-    preset = run.preset if run.config.presets else None
+    if run.disturb:
+        words += ["--disturb", *run.disturb]
+    if run.start is not None:
+        words += ["--from", str(run.start)]
     usual = usual_config(base, run.task, spec.observation_size, preset, spec.default_horizon)
     try:
         words += _overrides(run.config, usual, f"--{run.config.name}")
@@ -393,7 +427,8 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
 def _overrides(config: Any, default: Any, flag: str) -> list[str]:
     words: list[str] = []
     for each in dataclasses.fields(config):
-        value, usual = getattr(config, each.name), getattr(default, each.name)
+        value = getattr(config, each.name)
+        usual = getattr(default, each.name)
         name = f"{flag}.{each.name.replace('_', '-')}"
         if value == usual:
             continue

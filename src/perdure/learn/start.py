@@ -52,8 +52,11 @@ def trained_steps(policy: Policy) -> int:
 
 
 def _steps(values: Any, name: str, default: int) -> int:
-    found = values.get(name) if isinstance(values, dict) else None
-    return found if isinstance(found, int) and 0 < found < 10**15 else default
+    if isinstance(values, dict):
+        found = values.get(name)
+        if isinstance(found, int) and 0 < found < 10**15:
+            return found
+    return default
 
 
 def continue_from(policy: Policy, params: Params, config: PPOConfig, spec: TaskSpec) -> tuple[Params, RunningMoments]:

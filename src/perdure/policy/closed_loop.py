@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from perdure.envs import FloatArray, IntArray, Step, World, batch_of
+from perdure.envs import FloatArray, IntArray, Step, TaskSpec, World, batch_of
 from perdure.envs.gymnasium import call
 from perdure.errors import PerdureError
 from perdure.horizon import Clock, LaneClocks
@@ -115,9 +115,10 @@ class ClosedLoop:
             raise PerdureError(f"{len(policies)} policies for {world.num_lanes} lanes; each lane needs one")
         for each in policies:
             if (each.clock is not None) != each.policy.has_clock:
+                given = "no clock" if each.clock is None else each.clock.label
                 raise PerdureError(
                     f"an episode of {each.policy.task.name} needs a clock exactly if its policy has a time-to-go "
-                    f"input; this one has {'no clock' if each.clock is None else each.clock.label}"
+                    f"input; this one has {given}"
                 )
         for policy in {id(each.policy): each.policy for each in policies}.values():
             check_fit(policy, world)
@@ -193,20 +194,25 @@ def check_fit(policy: PolicyLike, world: World) -> None:
     Raises:
         PerdureError: If observation or action sizes, or the action range, differ.
     """
-    spec, task = world.spec, policy.task
+    task = policy.task
+    spec = world.spec
+    if task.discrete_actions != spec.discrete_actions:
+        kind = "discrete" if task.discrete_actions else "continuous"
+        other = "continuous" if task.discrete_actions else "discrete"
+        raise PerdureError(f"a policy for {task.name} has {kind} actions, those of {spec.name} are {other}")
+    same_sizes = task.observation_size == spec.observation_size and task.action_size == spec.action_size
     ranges = (task.action_low, task.action_high), (spec.action_low, spec.action_high)
     # Gymnasium's bounds are of single precision: -0.4 is not -0.4 there.
-    same_range = task.action_size == spec.action_size and np.allclose(*ranges, rtol=1e-6, atol=0.0)
-    if task.discrete_actions != spec.discrete_actions:
-        kinds = [("discrete" if each else "continuous") for each in (task.discrete_actions, spec.discrete_actions)]
-        raise PerdureError(f"a policy for {task.name} has {kinds[0]} actions, those of {spec.name} are {kinds[1]}")
-    if task.observation_size != spec.observation_size or not same_range:
-        shown = [
-            (each.observation_size, each.action_size, min(each.action_low), max(each.action_high))
-            for each in (task, spec)
-        ]
-        kinds = ["observations of {}, actions of {} from {:g} to {:g}".format(*each) for each in shown]
-        raise PerdureError(f"a policy for {task.name} ({kinds[0]}) cannot act in {spec.name} ({kinds[1]})")
+    if not same_sizes or not np.allclose(*ranges, rtol=1e-6, atol=0.0):
+        raise PerdureError(
+            f"a policy for {task.name} ({_describe_spaces(task)}) cannot act in {spec.name} ({_describe_spaces(spec)})"
+        )
+
+
+def _describe_spaces(task: TaskInfo | TaskSpec) -> str:
+    low = min(task.action_low)
+    high = max(task.action_high)
+    return f"observations of {task.observation_size}, actions of {task.action_size} from {low:g} to {high:g}"
 
 
 # Use any function observations -> actions as a policy.
@@ -254,7 +260,9 @@ class FunctionPolicy:
     @property
     def observation_std(self) -> FloatArray:
         """Standard deviation of each observation component within the training horizon; 0 where it is not known."""
-        return np.zeros(self.task.observation_size) if self.std is None else self.std
+        if self.std is None:
+            return np.zeros(self.task.observation_size)
+        return self.std
 
     def start(self, clocks: Sequence[Clock | None]) -> _FunctionEpisodes:
         """See `PolicyLike.start`."""
@@ -269,7 +277,9 @@ class _FunctionEpisodes:
         self._shown = np.zeros((len(clocks), policy.task.observation_size))
         self._running = np.arange(len(clocks))
         known = [clock for clock in clocks if clock is not None]
-        self._clocks = LaneClocks(known) if known else None
+        self._clocks: LaneClocks | None = None
+        if known:
+            self._clocks = LaneClocks(known)
         self._state: Any = None
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
@@ -281,8 +291,10 @@ class _FunctionEpisodes:
         seen = batch_of(self._policy.spaces[0], self._shown)
         time = {}
         if self._clocks is not None:
-            time = dict(zip(("elapsed", "horizon"), self._clocks.time(np.full(episodes, float(elapsed))), strict=True))
-        state = (self._state, np.full(episodes, elapsed == 0)) if self._policy.recurrent else ()
+            time["elapsed"], time["horizon"] = self._clocks.time(np.full(episodes, float(elapsed)))
+        state: tuple[Any, ...] = ()
+        if self._policy.recurrent:
+            state = (self._state, np.full(episodes, elapsed == 0))
         where = f"{self._policy.task.name}, step {elapsed + 1}"
         try:
             actions = call(where, "the policy", self._policy.function, seen, *state, **time)
@@ -304,7 +316,8 @@ class _FunctionEpisodes:
 
     def _rows(self, actions: Any, elapsed: int) -> FloatArray:
         """Return actions as rows of finite numbers, shape (episodes, action_size)."""
-        task, episodes = self._policy.task, len(self._shown)
+        task = self._policy.task
+        episodes = len(self._shown)
         if isinstance(actions, tuple):
             raise PerdureError(
                 "the function must return actions, it returned a tuple; of Stable-Baselines3, give "
@@ -330,4 +343,6 @@ class _FunctionEpisodes:
     @property
     def _shape(self) -> tuple[int, ...]:
         space = self._policy.spaces[1]
-        return (self._policy.task.action_size,) if space is None else tuple(space.shape)
+        if space is None:
+            return (self._policy.task.action_size,)
+        return tuple(space.shape)

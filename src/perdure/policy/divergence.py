@@ -57,7 +57,9 @@ class DivergenceDetector:
 
     def diverged(self, loop_step: LoopStep) -> NDArray[np.bool_]:
         """Return which of the episodes in this step have diverged, shape (n,)."""
-        episodes, rewards, after = loop_step.episodes, loop_step.step.rewards, loop_step.step.observations
+        episodes = loop_step.episodes
+        rewards = loop_step.step.rewards
+        after = loop_step.step.observations
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.abs(rewards)
             largest = self._largest[episodes]
@@ -81,14 +83,17 @@ class DivergenceDetector:
 
     def _jumped_back(self, loop_step: LoopStep) -> NDArray[np.int64]:
         """Return the rows of the episodes that moved from far away to their start in this step and did not end."""
-        episodes, before, after = loop_step.episodes, loop_step.before, loop_step.step.observations
+        episodes = loop_step.episodes
+        before = loop_step.before
+        after = loop_step.step.observations
         change = after - before
         change *= self._per_deviation[episodes]
         jumps = np.abs(change, out=change) > SMALLEST_JUMP
         if not np.count_nonzero(jumps):
             return np.zeros(0, np.int64)
         rows: IntArray = np.flatnonzero(jumps.any(axis=1) & ~loop_step.step.ended)
-        first, scale = self._first[episodes[rows]], self._scale[episodes[rows]]
+        first = self._first[episodes[rows]]
+        scale = self._scale[episodes[rows]]
         was_far = (np.abs(before[rows] - first) / scale).max(axis=1) > FAR
         is_near = (np.abs(after[rows] - first) / scale).max(axis=1) < NEAR
         back: IntArray = rows[was_far & is_near]
@@ -102,4 +107,6 @@ def _first_sign(loop_step: LoopStep, row: int) -> str:
     if not np.isfinite(loop_step.step.observations[row]).all():
         return "an observation that is not finite"
     reward = loop_step.step.rewards[row]
-    return f"an impossible reward of {reward:.3g}" if np.isfinite(reward) else "a reward that is not finite"
+    if not np.isfinite(reward):
+        return "a reward that is not finite"
+    return f"an impossible reward of {reward:.3g}"

@@ -89,7 +89,8 @@ def load_policy(path: str | Path) -> Policy:
     """
     path = find_policy(path)
     if not path.is_file():
-        raise PerdureError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}, not a policy file")
+        found = "a folder" if path.is_dir() else "no regular file"
+        raise PerdureError(f"{path} is {found}, not a policy file")
     description, checksum, data = _read(path)
     tensors = _tensors(path, data)
     if checksum != _digest(description, tensors):
@@ -150,8 +151,10 @@ def find_policy(name: str | Path) -> Path:
             f"{name} is a shipped policy, but there is a folder {path.resolve()}: name a policy file in it, or run the "
             "command in another folder"
         )
+    if path.is_dir():
+        return policy_in_folder(path)
     if path.exists():
-        return policy_in_folder(path) if path.is_dir() else path
+        return path
     if str(name) in shipped:
         return shipped[str(name)]
     model = _cache() / f"models--{str(name).replace('/', '--')}"
@@ -185,12 +188,14 @@ def policy_in_folder(folder: Path) -> Path:
     found = sorted(path for path in folder.glob(f"*{SUFFIX}") if path.is_file())
     if len(found) == 1:
         return found[0]
-    names = f"{len(found)}: {', '.join(path.name for path in found[:5])}" if found else "none"
-    below = {path.parent.name for kind in (SUFFIX, ".zip") for path in folder.glob(f"*/*{kind}")}
-    hint = f"policies or models are in its folders {', '.join(sorted(below)[:5])}" if below and not found else ""
-    raise PerdureError(
-        f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}; {hint or f'see {MANUAL}'}"
-    )
+    names = "none"
+    hint = f"see {MANUAL}"
+    below = {path.parent.name for path in (*folder.glob(f"*/*{SUFFIX}"), *folder.glob("*/*.zip"))}
+    if found:
+        names = f"{len(found)}: {', '.join(path.name for path in found[:5])}"
+    elif below:
+        hint = f"policies or models are in its folders {', '.join(sorted(below)[:5])}"
+    raise PerdureError(f"{folder} is a folder and must hold one policy (*{SUFFIX}), it holds {names}; {hint}")
 
 
 def is_downloaded(file: Path) -> bool:
@@ -240,7 +245,8 @@ class Description(Record, frozen=True):
         if self.version not in VERSIONS:
             raise ValueError(f"its format is version {self.version}; versions 1 to {VERSIONS[-1]} are read")
         checked(self.task.name, Name, "task.name")
-        low, high = self.task.action_low, self.task.action_high
+        low = self.task.action_low
+        high = self.task.action_high
         if not 0 < len(low) == len(high) or not all(a <= b for a, b in zip(low, high, strict=True)):
             raise ValueError("action_low and action_high must have the same length, and no low above its high")
         if not 1 <= self.task.observation_size <= 1_000_000:
@@ -261,7 +267,10 @@ class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
 def check_arrays(arrays: Mapping[str, NDArray[Any]]) -> None:
     """Check types and numbers of arrays, not shapes, which policy and reference check; PerdureError names the array."""
     for name, array in arrays.items():
-        kind, allowed = array.dtype.str[1:], (ARRAYS[name],) if name in ARRAYS else WEIGHTS
+        kind = array.dtype.str[1:]
+        allowed: tuple[str, ...] = WEIGHTS
+        if name in ARRAYS:
+            allowed = (ARRAYS[name],)
         if kind not in allowed:
             raise PerdureError(f"{name} must hold numbers of the type {' or '.join(allowed)}, not {kind}")
         if not np.isfinite(array).all() or (kind == "f8" and (np.abs(array) > LARGEST).any()):
@@ -290,8 +299,8 @@ def _read(path: Path) -> tuple[str, str | None, bytes]:
             header = read_json(text)
         except PerdureError:
             raise PerdureError(foreign) from None
-        metadata = header.get("__metadata__") if isinstance(header, dict) else None
-        description = metadata.get(FORMAT) if isinstance(metadata, dict) else None
+        metadata = isinstance(header, dict) and header.get("__metadata__")
+        description = isinstance(metadata, dict) and metadata.get(FORMAT)
         if not isinstance(metadata, dict) or not isinstance(description, str):
             raise PerdureError(f"{path} is a safetensors file, but not a perdure policy; LeRobot's: {MANUAL}#lerobot")
         return description, metadata.get("sha256"), start + text + file.read()
@@ -310,8 +319,8 @@ def _tensors(path: Path, data: bytes) -> Tensors:
 
 def _describe(policy: Policy) -> str:
     task = policy.task
-    description = {
-        "version": 2 if policy.squash is None else VERSION,
+    description: dict[str, Any] = {
+        "version": 2,
         "task": {
             "name": task.name,
             "observation_size": task.observation_size,
@@ -321,37 +330,50 @@ def _describe(policy: Policy) -> str:
         "activation": policy.activation,
         "normalizer": {"clip": policy.normalizer.clip, "epsilon": policy.normalizer.epsilon},
         "protocol": policy.protocol.to_json(),
-        "clock": None if policy.clock is None else policy.clock.to_json(),
+        "clock": None,
         "provenance": dict(policy.provenance),
         "return_scale": policy.return_scale,
-        "reference": None if policy.reference is None else {"horizon": policy.reference.horizon},
+        "reference": None,
     }
+    if policy.clock is not None:
+        description["clock"] = policy.clock.to_json()
+    if policy.reference is not None:
+        description["reference"] = {"horizon": policy.reference.horizon}
     if policy.squash is not None:
+        description["version"] = VERSION
         description["squash"] = policy.squash.to_json()
     return json.dumps(description, sort_keys=True, indent=1)
 
 
 def _build(description: Description, tensors: Tensors) -> Policy:
-    reference = description.reference
-    wanted = ["normalizer.mean", "normalizer.var", *(f"reference.{name}" for name in _MEASURED if reference)]
-    if missing := [name for name in wanted if name not in tensors]:
-        raise PerdureError(f"it has no array {missing[0]}")
+    wanted = ["normalizer.mean", "normalizer.var"]
+    if description.reference is not None:
+        wanted += [f"reference.{name}" for name in _MEASURED]
+    for name in wanted:
+        if name not in tensors:
+            raise PerdureError(f"it has no array {name}")
     check_arrays(tensors)
-    measured = None
-    if reference is not None:
+    reference = None
+    if description.reference is not None:
         arrays = {name: tensors.pop(f"reference.{name}") for name in _MEASURED}
-        measured = Reference(horizon=reference["horizon"], **arrays)
+        reference = Reference(horizon=description.reference["horizon"], **arrays)
+    clock = None
+    if description.clock is not None:
+        clock = Clock.from_json(description.clock)
+    squash = None
+    if description.squash is not None:
+        squash = TanhSquash.from_json(description.squash)
     return Policy(
         task=description.task,
         weights=tensors,
         activation=description.activation,
         normalizer=Normalizer(tensors.pop("normalizer.mean"), tensors.pop("normalizer.var"), **description.normalizer),
         protocol=HorizonProtocol.from_json(description.protocol),
-        clock=None if description.clock is None else Clock.from_json(description.clock),
+        clock=clock,
         provenance=description.provenance,
         return_scale=description.return_scale,
-        reference=measured,
-        squash=None if description.squash is None else TanhSquash.from_json(description.squash),
+        reference=reference,
+        squash=squash,
     )
 
 

@@ -47,25 +47,33 @@ class Perceptron:
     def __init__(self, weights: Weights, name: str, activation: str) -> None:
         if activation not in ACTIVATIONS:
             raise PerdureError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
-        self._activate, self._bounded = ACTIVATIONS[activation], activation in ("tanh", "sigmoid")
+        self._activate = ACTIVATIONS[activation]
+        self._bounded = activation in ("tanh", "sigmoid")
         names = {key for key in weights if key.startswith(f"{name}.")}
         hidden = sum(key.endswith(".weight") for key in names) - 1
-        modulated = hidden if any(key.endswith((".scale", ".shift")) for key in names) else 0
         self._layers = _pairs(weights, name, ("weight", "bias"), hidden + 1)
-        pairs = _pairs(weights, name, ("scale", "shift"), modulated)
+        pairs = []
+        if any(key.endswith((".scale", ".shift")) for key in names):
+            pairs = _pairs(weights, name, ("scale", "shift"), hidden)
         if len(names) != 2 * (len(self._layers) + len(pairs)):
             raise PerdureError(f"the {name} network has weights that belong to no layer: {', '.join(sorted(names))}")
         _check(self._layers, name)
-        self._film = FiLM.of(pairs, [len(bias) for _, bias in self._layers[:-1]], name) if pairs else None
+        self._film: FiLM | None = None
+        if pairs:
+            self._film = FiLM.of(pairs, [len(bias) for _, bias in self._layers[:-1]], name)
         if not self._largest_output() < float(np.finfo(np.float32).max):
             raise PerdureError(
                 f"the {name} network has weights that are not finite, or so large that a sum could overflow"
             )
         self._products = [RowInvariantMatmul(weight) for weight, _ in self._layers]
-        self.modulation_size = 0 if self._film is None else len(self._film.scales[0].matrix)
+        self.modulation_size = 0
         """Length of the part of an input that modulates hidden layers; 0 without modulation."""
-        self.input_size, self.output_size = len(self._layers[0][0]) + self.modulation_size, len(self._layers[-1][1])
-        """Lengths of one input and of one output."""
+        if self._film is not None:
+            self.modulation_size = len(self._film.scales[0].matrix)
+        self.input_size = len(self._layers[0][0]) + self.modulation_size
+        """Length of one input."""
+        self.output_size = len(self._layers[-1][1])
+        """Length of one output."""
 
     def _largest_output(self) -> float:
         """Return a bound on the size of every sum in the network, over all inputs up to LARGEST_INPUT.
@@ -79,8 +87,10 @@ class Perceptron:
             if self._film is not None and layer < len(self._layers) - 1:
                 bound = self._film.bound(layer, bound, LARGEST_INPUT)
             largest = float(np.maximum(largest, bound))
-            # No other activation of `ACTIVATIONS` exceeds 2 |x| + 2.
-            bound = LARGEST_PROBE if self._bounded else 2.0 * bound + 2.0
+            if self._bounded:
+                bound = LARGEST_PROBE
+            else:  # no other activation of `ACTIVATIONS` exceeds 2 |x| + 2
+                bound = 2.0 * bound + 2.0
         return largest
 
     def __call__(self, inputs: Any) -> Any:
@@ -90,10 +100,12 @@ class Perceptron:
         with one_thread():
             return self._pass(pad(inputs))[: len(inputs)]
 
-    def _pass(self, hidden: Any) -> Any:
+    def _pass(self, inputs: Any) -> Any:
+        hidden = inputs
         if self._film is not None:
             first = len(self._layers[0][0])
-            hidden, phi = hidden[:, :first], hidden[:, first:]
+            hidden = inputs[:, :first]
+            phi = inputs[:, first:]
         for layer, (product, (_, bias)) in enumerate(zip(self._products, self._layers, strict=True)):
             hidden = product(hidden)
             hidden += bias
@@ -124,6 +136,8 @@ def _check(layers: list[tuple[Float32Array, Float32Array]], name: str) -> None:
         raise PerdureError(f"there are no weights of a {name} network")
     given: int | None = None
     for layer, (weight, bias) in enumerate(layers):
+        if 0 in weight.shape:
+            raise PerdureError(f"the {name} network has a layer without a neuron")
         fits = weight.ndim == 2 and bias.shape == weight.shape[1:] and given in (None, weight.shape[0])
         if not fits:
             raise PerdureError(
@@ -131,8 +145,6 @@ def _check(layers: list[tuple[Float32Array, Float32Array]], name: str) -> None:
                 f"{bias.shape}, which fit neither each other nor the layer before"
             )
         given = weight.shape[1]
-    if not all(size for weight, _ in layers for size in weight.shape):
-        raise PerdureError(f"the {name} network has a layer without a neuron")
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +164,10 @@ class FiLM:
         Raises:
             PerdureError: If shapes do not fit.
         """
-        size = len(pairs[0][0]) if pairs[0][0].ndim == 2 else 0
+        first_scale = pairs[0][0]
+        size = 0
+        if first_scale.ndim == 2:
+            size = len(first_scale)
         for layer, (pair, width) in enumerate(zip(pairs, widths, strict=True)):
             for part, matrix in zip(("scale", "shift"), pair, strict=True):
                 if not size or matrix.shape != (size, width):
@@ -228,9 +243,12 @@ def one_thread() -> Iterator[None]:
     if _inside:
         yield
         return
-    changed = [(library, number) for library in _libraries() if (number := library.get_num_threads()) != 1]
-    for library, _ in changed:
-        library.set_num_threads(1)
+    changed = []
+    for library in _libraries():
+        number = library.get_num_threads()
+        if number != 1:
+            changed.append((library, number))
+            library.set_num_threads(1)
     _inside = True
     try:
         yield

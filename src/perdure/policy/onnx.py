@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OnnxModel", "export_onnx", "is_onnx", "metadata"]
 
-State = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[Any]]
 """Arrays by the names of a model's inputs."""
 OPSET = 17
 IR_VERSION = 8
@@ -60,7 +60,8 @@ def is_onnx(path: str | Path) -> bool:
 
 def require() -> None:
     """Raise PerdureError unless onnx and onnxruntime are installed."""
-    if missing := [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]:
+    missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
+    if missing:
         raise PerdureError(f"ONNX needs {' and '.join(missing)}: pip install 'perdure[onnx]'")
 
 
@@ -84,7 +85,9 @@ class OnnxModel:
         require()
         with _refusing(what):
             self._open(data, what)
-        self._thread = ThreadPoolExecutor(1) if b"Loop" in data else None  # the only operator that may not end
+        self._thread: ThreadPoolExecutor | None = None
+        if b"Loop" in data:  # the only operator that may not end
+            self._thread = ThreadPoolExecutor(1)
 
     def _open(self, data: bytes, what: str) -> None:
         import onnxruntime
@@ -105,34 +108,45 @@ class OnnxModel:
             )
         self.times: tuple[str, ...] = tuple(name for name in TIMES if name in inputs)
         """Which inputs hold the time."""
-        if boolean := [name for name in self.times if inputs[name].type == "tensor(bool)"]:
+        boolean = [name for name in self.times if inputs[name].type == "tensor(bool)"]
+        if boolean:
             raise PerdureError(f"{what}: the input {boolean[0]} must be a number of steps, not tensor(bool)")
-        pairs = {name: f"{name.removesuffix('_in')}_out" for name in inputs if name.endswith("_in")}
-        zeros = {name: (_zeros(inputs[name]), _zeros(outputs[pairs[name]])) for name in pairs if pairs[name] in outputs}
-        self._zero = {name: before for name, (before, after) in zeros.items() if before.shape == after.shape}
-        self.state = {name: pairs[name] for name in self._zero}
+        # An input X_in whose shape an output X_out has is a state; what else there is must be the observation.
+        self.state: dict[str, str] = {}
         """Inputs that hold the state of a recurrent policy, each with the output that follows it."""
+        self._zero: Arrays = {}
+        for name, value in inputs.items():
+            after = f"{name.removesuffix('_in')}_out"
+            if name.endswith("_in") and after in outputs:
+                zero = _zeros(value)
+                if zero.shape == _zeros(outputs[after]).shape:
+                    self.state[name] = after
+                    self._zero[name] = zero
         others = [each for name, each in inputs.items() if name not in (*TIMES, *self.state)]
         if len(others) != 1:
             raise PerdureError(
                 f"{what} has the inputs {', '.join(inputs)}; expected are one observation, for a state X_in with an "
                 "output X_out of the same shape and, for a time-to-go, elapsed and horizon"
             )
-        self._input, self._what = others[0], what
+        self._input = others[0]
+        self._what = what
         if self._input.shape and self._input.shape[0] == 0:
             raise PerdureError(f"{what} takes batches of 0 observations")
         self._dtype = _dtype(self._input.type)
         self._types = {name: _dtype(inputs[name].type) for name in self.times}
         names = [name for name in outputs if name not in self.state.values()]
         action = next((name for name in ACTIONS if name in names), names[0])
-        self._outputs, self._action_shape = [action, *self.state.values()], outputs[action].shape
+        self._outputs = [action, *self.state.values()]
+        self._action_shape = outputs[action].shape
         self.__name__ = Path(what).stem
         self.training_horizon = _training_horizon(self._session.get_modelmeta().custom_metadata_map, what)
         """Steps of a training episode, if the model was exported with `export_onnx`; else None."""
 
     def check_sizes(self, spec: TaskSpec) -> None:
         """Raise PerdureError if the model says that it takes or returns other numbers of values than a task has."""
-        actions = None if spec.discrete_actions else spec.action_size
+        actions = None  # of discrete actions it may return a number for each choice
+        if not spec.discrete_actions:
+            actions = spec.action_size
         for does, shape, size, other in (
             ("takes", self._input.shape, spec.observation_size, "gives"),
             ("returns", self._action_shape, actions, "takes"),
@@ -163,7 +177,7 @@ class OnnxModel:
     def __call__(
         self,
         observations: Any,
-        state: Sequence[State] | None = None,
+        state: Sequence[Arrays] | None = None,
         episode_starts: NDArray[np.bool_] | None = None,
         **times: NDArray[np.float64],
     ) -> Any:
@@ -186,17 +200,23 @@ class OnnxModel:
             raise PerdureError(f"{self._what} takes {has}, but was given {' and '.join(times) or 'no time'}")
         feed = {self._input.name: rows}
         feed |= {name: np.asarray(value, self._types[name]) for name, value in times.items()}
-        size = self._input.shape[0] if isinstance(self._input.shape[0], int) else 1
-        before = [self._zero] * len(rows) if state is None else list(state)
-        for row in () if episode_starts is None else np.flatnonzero(episode_starts):
-            before[row] = self._zero
+        size = self._input.shape[0]
+        if not isinstance(size, int):  # the model leaves it open
+            size = 1
+        before = [self._zero] * len(rows)
+        if state is not None:
+            before = list(state)
+        if episode_starts is not None:
+            for row in np.flatnonzero(episode_starts):
+                before[row] = self._zero
         results = self._run([row | each for row, each in zip(_single_rows(feed, size), before, strict=True)])
         actions = np.concatenate([result[0][:1] for result in results])
         if not self.state:
             return actions
         after = [dict(zip(self.state, result[1:], strict=True)) for result in results]
-        if any(each[name].shape != zero.shape for each in after for name, zero in self._zero.items()):
-            raise PerdureError(f"{self._what}: its state must keep its shape, but it grows or shrinks")
+        for each in after:
+            if any(each[name].shape != zero.shape for name, zero in self._zero.items()):
+                raise PerdureError(f"{self._what}: its state must keep its shape, but it grows or shrinks")
         return actions, after
 
     def _shaped(self, rows: NDArray[Any]) -> NDArray[Any]:
@@ -206,7 +226,9 @@ class OnnxModel:
         fits = len(given) == len(wanted) and all(a in (b, -1) for a, b in zip(wanted, given, strict=True))
         self._check_numbers(rows)
         try:
-            return (rows if fits else rows.reshape(len(rows), *wanted)).astype(self._dtype)
+            if not fits:
+                rows = rows.reshape(len(rows), *wanted)
+            return rows.astype(self._dtype)
         except ValueError:
             raise PerdureError(
                 f"{self._what} takes observations of shape (n, {', '.join(map(str, self._input.shape[1:]))}), "
@@ -222,7 +244,7 @@ class OnnxModel:
         if not held:
             raise PerdureError(f"{self._what} takes observations of type {self._input.type}, which cannot hold these")
 
-    def _run(self, feeds: list[State]) -> list[list[NDArray[Any]]]:
+    def _run(self, feeds: list[Arrays]) -> list[list[NDArray[Any]]]:
         """Run the model on each feed; with loops in another thread, so that an interruption ends an endless one."""
         import onnxruntime
 
@@ -261,7 +283,7 @@ def _zeros(value: Any) -> NDArray[Any]:
     return np.zeros([size if isinstance(size, int) else 1 for size in value.shape], _dtype(value.type))
 
 
-def _single_rows(feed: State, size: int) -> Iterator[State]:
+def _single_rows(feed: Arrays, size: int) -> Iterator[Arrays]:
     """Yield each row of the feed, repeated to fill a batch of the size that the model asks for."""
     for row in range(len(next(iter(feed.values())))):
         yield {name: values[[row] * size] for name, values in feed.items()}
@@ -276,7 +298,9 @@ def _training_horizon(metadata: Mapping[str, str], what: str) -> int | None:
     if not 1.0 <= steps <= LONGEST_HORIZON and steps != math.inf:
         wanted = f"a number of steps from 1 to {LONGEST_HORIZON:,}"
         raise PerdureError(f"{what}: its metadata {TRAINING_HORIZON} is {text!r}; it is {wanted}")
-    return int(steps) if math.isfinite(steps) else None
+    if math.isinf(steps):
+        return None
+    return int(steps)
 
 
 def _dtype(kind: str) -> Any:
@@ -312,17 +336,23 @@ def model_digest(path: Path) -> str:
     require()
     with _refusing(str(path)):
         beside = sorted({_beside(tensor, path) for tensor in _outside(_parse(_read(path), str(path)))})
-    digests = [file_digest(each) for each in (path, *beside)]
-    return config_digest({"files": digests}) if beside else digests[0]
+    if not beside:
+        return file_digest(path)
+    return config_digest({"files": [file_digest(each) for each in (path, *beside)]})
 
 
 def _whole(path: Path) -> bytes:
     """Return a model with the weights that lie in files beside it."""
     data = _read(path)
-    model, files, total = _parse(data, str(path)), dict[Path, bytes](), len(data)
+    model = _parse(data, str(path))
+    files: dict[Path, bytes] = {}
+    total = len(data)
     for tensor in _outside(model):
-        file, place = _beside(tensor, path), {each.key: each.value for each in tensor.external_data}
-        content = files[file] = files.get(file) or read_bounded(file, MAX_BYTES)
+        file = _beside(tensor, path)
+        if file not in files:
+            files[file] = read_bounded(file, MAX_BYTES)
+        content = files[file]
+        place = {each.key: each.value for each in tensor.external_data}
         start = int(place.get("offset", 0))
         length = int(place.get("length", len(content) - start))
         total += length
@@ -331,13 +361,17 @@ def _whole(path: Path) -> bytes:
         tensor.raw_data = content[start : start + length]
         tensor.ClearField("data_location")
         tensor.ClearField("external_data")
-    return model.SerializeToString() if files else data
+    if not files:
+        return data
+    return bytes(model.SerializeToString())
 
 
 def _outside(model: Any) -> list[Any]:
     """Return the tensors whose numbers are in another file."""
-    tensors = [tensor for graph in _graphs(model) for tensor in _tensors(graph)]
-    return [tensor for tensor in tensors if tensor.data_location == tensor.EXTERNAL]
+    found = []
+    for graph in _graphs(model):
+        found += [tensor for tensor in _tensors(graph) if tensor.data_location == tensor.EXTERNAL]
+    return found
 
 
 def _beside(tensor: Any, path: Path) -> Path:
@@ -372,8 +406,11 @@ def _check(data: bytes, what: str) -> None:
     if not model.graph.node or not model.opset_import:
         raise PerdureError(f"{what} is not an ONNX model: it has no operators")
     own = {(each.domain, each.name) for each in model.functions}
-    used = {(node.domain, node.op_type) for graph in _graphs(model) for node in graph.node}
-    if foreign := sorted({domain for domain, _ in used - own} - set(DOMAINS)):
+    used: set[tuple[str, str]] = set()
+    for graph in _graphs(model):
+        used.update((node.domain, node.op_type) for node in graph.node)
+    foreign = sorted({domain for domain, _ in used - own} - set(DOMAINS))
+    if foreign:
         raise PerdureError(
             f"{what} uses operators of {', '.join(foreign)}, which onnxruntime has only with a library of their own; "
             "such libraries are not loaded"
@@ -390,7 +427,8 @@ def _graphs(model: Any) -> Iterator[Any]:
         yield graph
         for node in graph.node:
             for attribute in node.attribute:
-                waiting += [attribute.g] if attribute.HasField("g") else []
+                if attribute.HasField("g"):
+                    waiting.append(attribute.g)
                 waiting += attribute.graphs
 
 
@@ -402,7 +440,8 @@ def _tensors(graph: Any) -> Iterator[Any]:
             if attribute.HasField("t"):
                 yield attribute.t
             yield from attribute.tensors
-            sparse += [attribute.sparse_tensor] if attribute.HasField("sparse_tensor") else []
+            if attribute.HasField("sparse_tensor"):
+                sparse.append(attribute.sparse_tensor)
             sparse += attribute.sparse_tensors
     for each in sparse:
         yield from (each.values, each.indices)
@@ -442,9 +481,12 @@ def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) ->
 def _model(policy: Policy, clock: Clock | None) -> Any:
     from onnx import TensorProto, checker, helper
 
-    graph, shapes = Graph(), dict[str, list[str | int]]()
+    graph = Graph()
+    shapes: dict[str, list[str | int]] = {}
     if policy.has_clock and not isinstance(clock, Constant):
-        shapes = {name: ["n"] for name in (TIMES if clock is None else TIMES[:1])}
+        shapes["elapsed"] = ["n"]
+        if clock is None:
+            shapes["horizon"] = ["n"]
     shapes["observation"] = ["n", policy.task.observation_size]
     inputs = [helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape) for name, shape in shapes.items()]
     output = helper.make_tensor_value_info("action", TensorProto.DOUBLE, ["n", policy.task.action_size])
@@ -463,7 +505,11 @@ def _model(policy: Policy, clock: Clock | None) -> Any:
 
 
 def _notes(policy: Policy, clock: Clock | None) -> dict[str, str]:
-    label = "none" if not policy.has_clock else "input" if clock is None else clock.label
+    label = "none"
+    if clock is not None:
+        label = clock.label
+    elif policy.has_clock:
+        label = "input"
     known = {key: value for key, value in policy.provenance.items() if isinstance(value, str | int | float)}
     return {
         "perdure.task": policy.task.name,
@@ -484,7 +530,9 @@ def _phi(policy: Policy, clock: Clock | None, observation: Value) -> Value | Non
         shape = graph.node("Concat", rows, np.array(phi.shape[1:]), axis=0)
         return graph.node("Expand", graph.constant(phi), shape, ndim=2)
     elapsed = Value(graph, "elapsed", 1)
-    times = (elapsed, Value(graph, "horizon", 1)) if clock is None else clock.time(elapsed)
+    times = (elapsed, Value(graph, "horizon", 1))
+    if clock is not None:
+        times = clock.time(elapsed)
     phi_of_rows: Value = policy.protocol.embed(*times)
     return phi_of_rows
 
@@ -493,9 +541,12 @@ def _inputs(policy: Policy, observation: Value, phi: Value | None) -> Value:
     """Return what `Policy.inputs` returns."""
     normalizer: Any = policy.normalizer
     if phi is not None and policy.protocol.normalize_embedding:
-        observation, phi = observation.beside(phi), None
+        normalized: Value = normalizer(observation.beside(phi)).astype(np.float32)
+        return normalized
     seen: Value = normalizer(observation).astype(np.float32)
-    return seen if phi is None else seen.beside(phi.astype(np.float32))
+    if phi is None:
+        return seen
+    return seen.beside(phi.astype(np.float32))
 
 
 def _compare(policy: Policy, clock: Clock | None, model: OnnxModel) -> None:
@@ -547,9 +598,11 @@ class Graph:
         from onnx import helper
 
         values = [each if isinstance(each, Value) else self.constant(each) for each in inputs]
+        if ndim is None:
+            ndim = max(value.ndim for value in values)
         name = f"{kind.lower()}_{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, [value.name for value in values], [name], **attributes))
-        return Value(self, name, max(value.ndim for value in values) if ndim is None else ndim, dtype)
+        return Value(self, name, ndim, dtype)
 
 
 OPERATORS = {
@@ -586,7 +639,9 @@ class Value(np.lib.mixins.NDArrayOperatorsMixin):
         if kind not in OPERATORS or method != "__call__":
             return NotImplemented
         found = self._node(OPERATORS[kind], *values)
-        return found.astype(self.dtype) if kind in ("greater", "less") else found
+        if kind in ("greater", "less"):
+            return found.astype(self.dtype)
+        return found
 
     def _node(self, kind: str, *inputs: Any, **attributes: Any) -> Value:
         return self.graph.node(kind, *inputs, dtype=self.dtype, **attributes)
@@ -611,5 +666,9 @@ class Value(np.lib.mixins.NDArrayOperatorsMixin):
 
     def clip(self, min: float | None = None, max: float | None = None) -> Value:
         """Clip to a range, like NumPy's method."""
-        result = self if min is None else self._node("Max", self, np.asarray(min, self.dtype))
-        return result if max is None else result._node("Min", result, np.asarray(max, self.dtype))
+        result = self
+        if min is not None:
+            result = result._node("Max", result, np.asarray(min, self.dtype))
+        if max is not None:
+            result = result._node("Min", result, np.asarray(max, self.dtype))
+        return result

@@ -58,27 +58,10 @@ class Policy:
     """How the network's output becomes an action: None cuts it to the action box."""
 
     def __post_init__(self) -> None:
-        expected = self.task.observation_size + self.protocol.embedding_size
-        if self._actor.input_size != expected:
-            raise PerdureError(
-                f"{self.task.name}: the network takes {self._actor.input_size} numbers, but observation "
-                f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
-            )
-        networks = (self._actor, self._critic) if self.has_critic else (self._actor,)
-        if any(each.modulation_size not in (0, self.protocol.embedding_size) for each in networks):
-            raise PerdureError(
-                f"{self.task.name}: phi has {self.protocol.embedding_size} numbers, but hidden layers are modulated by "
-                f"{self._actor.modulation_size}"
-            )
-        sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
-        critic = (self._critic.input_size, self._critic.output_size) if self.has_critic else (expected, 1)
-        if len(set(sizes)) > 1 or critic != (expected, 1):
-            raise PerdureError(
-                f"{self.task.name}: the networks have {sizes[0]} actions and {critic[1]} value(s) of "
-                f"{critic[0]} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
-                f"actions, and the value is one number of {expected} inputs"
-            )
-        normalized = expected if self.protocol.normalize_embedding else self.task.observation_size
+        self._check_networks()
+        normalized = self.task.observation_size
+        if self.protocol.normalize_embedding:
+            normalized += self.protocol.embedding_size
         if self.normalizer.mean.shape != (normalized,) or self.normalizer.var.shape != (normalized,):
             raise PerdureError(f"{self.task.name}: the normalizer must have {normalized} means and variances")
         if (self.clock is None) != (self.protocol.embedding is None):
@@ -92,6 +75,32 @@ class Policy:
             raise PerdureError(
                 f"{self.task.name}: the reference has {len(self.reference.observation_low)} observation components, "
                 f"the task {self.task.observation_size}"
+            )
+
+    def _check_networks(self) -> None:
+        """Raise PerdureError unless actor and critic fit the task and the protocol."""
+        expected = self.task.observation_size + self.protocol.embedding_size
+        if self._actor.input_size != expected:
+            raise PerdureError(
+                f"{self.task.name}: the network takes {self._actor.input_size} numbers, but observation "
+                f"({self.task.observation_size}) and phi ({self.protocol.embedding_size}) have {expected}"
+            )
+        networks = [self._actor]
+        critic = (expected, 1)
+        if self.has_critic:
+            networks.append(self._critic)
+            critic = (self._critic.input_size, self._critic.output_size)
+        if any(each.modulation_size not in (0, self.protocol.embedding_size) for each in networks):
+            raise PerdureError(
+                f"{self.task.name}: phi has {self.protocol.embedding_size} numbers, but hidden layers are modulated by "
+                f"{self._actor.modulation_size}"
+            )
+        sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
+        if len(set(sizes)) > 1 or critic != (expected, 1):
+            raise PerdureError(
+                f"{self.task.name}: the networks have {sizes[0]} actions and {critic[1]} value(s) of "
+                f"{critic[0]} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
+                f"actions, and the value is one number of {expected} inputs"
             )
 
     @classmethod
@@ -147,8 +156,12 @@ class Policy:
 
     def act_from(self, inputs: Any) -> Any:
         """Act like :meth:`act`, from what :meth:`inputs` returns, or from a value of it in an ONNX graph."""
-        outputs, (low, high) = self._actor(inputs), self._box
-        actions = outputs.astype(np.float64) if self.squash is None else self.squash(outputs, low, high)
+        outputs = self._actor(inputs)
+        low, high = self._box
+        if self.squash is None:
+            actions = outputs.astype(np.float64)
+        else:
+            actions = self.squash(outputs, low, high)
         actions = np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
 
@@ -260,7 +273,9 @@ class PolicyEpisodes:
 
     def act(self, observations: FloatArray, elapsed: int) -> FloatArray:
         """See `ActingEpisodes.act`."""
-        phi = self._embed(elapsed) if self._phi is None else self._phi
+        phi = self._phi
+        if phi is None:
+            phi = self._embed(elapsed)
         return np.asarray(self._policy.act_from(self._policy.inputs(observations, phi)))
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
@@ -270,14 +285,19 @@ class PolicyEpisodes:
     def _set(self, clocks: list[Clock | None]) -> None:
         self._clocks = clocks
         known = [clock for clock in clocks if clock is not None]
-        self._lane_clocks = LaneClocks(known) if known else None
+        self._lane_clocks: LaneClocks | None = None
+        if known:
+            self._lane_clocks = LaneClocks(known)
         # phi is the same at every step under constant clocks and for policies without phi.
-        self._phi = self._embed(0) if all(isinstance(clock, Constant) for clock in known) else None
+        self._phi: FloatArray | None = None
+        if all(isinstance(clock, Constant) for clock in known):
+            self._phi = self._embed(0)
 
     def _embed(self, elapsed: int) -> FloatArray:
         steps = np.full(len(self._clocks), float(elapsed))
-        times, horizons = (steps, steps) if self._lane_clocks is None else self._lane_clocks.time(steps)
-        return self._policy.embed(times, horizons)
+        if self._lane_clocks is None:
+            return self._policy.embed(steps, steps)
+        return self._policy.embed(*self._lane_clocks.time(steps))
 
 
 @dataclass(frozen=True)
@@ -294,7 +314,8 @@ class TaskInfo:
     @classmethod
     def of(cls, spec: TaskSpec) -> Self:
         """Return what a policy keeps of a world's `TaskSpec`."""
-        low, high = tuple(spec.action_low.tolist()), tuple(spec.action_high.tolist())
+        low = tuple(spec.action_low.tolist())
+        high = tuple(spec.action_high.tolist())
         return cls(spec.name, spec.observation_size, low, high, spec.discrete_actions)
 
     @property
@@ -360,14 +381,18 @@ class TanhSquash:
 
         The arithmetic is of 32 bits, in the order of Stable-Baselines3's `unscale_action`.
         """
-        limit, one, half = np.float32(self.limit), np.float32(1), np.float32(0.5)
+        limit = np.float32(self.limit)
         scaled = np.tanh(np.minimum(np.maximum(outputs, -limit), limit))
-        low32, high32 = low.astype(np.float32), high.astype(np.float32)
-        return (low32 + half * (scaled + one) * (high32 - low32)).astype(np.float64)
+        low32 = low.astype(np.float32)
+        high32 = high.astype(np.float32)
+        return (low32 + np.float32(0.5) * (scaled + np.float32(1)) * (high32 - low32)).astype(np.float64)
 
     def to_json(self) -> dict[str, Any]:
         """Return the squashing as plain JSON values."""
-        return {"name": "tanh", "limit": None if math.isinf(self.limit) else float(self.limit)}
+        limit = None  # JSON has no infinity
+        if math.isfinite(self.limit):
+            limit = float(self.limit)
+        return {"name": "tanh", "limit": limit}
 
     @classmethod
     def from_json(cls, values: Any) -> Self:
@@ -378,4 +403,6 @@ class TanhSquash:
         """
         if not isinstance(values, dict) or set(values) != {"name", "limit"} or values["name"] != "tanh":
             raise PerdureError('a squashing is written {"name": "tanh", "limit": a positive number or null}')
-        return cls(math.inf if values["limit"] is None else values["limit"])
+        if values["limit"] is None:
+            return cls()
+        return cls(values["limit"])

@@ -52,8 +52,10 @@ class Reference:
     """Largest value of each component of the observation, shape (observation_size,)."""
 
     def __post_init__(self) -> None:
-        episodes, bins = self.lengths.size, math.ceil(self.horizon / BIN_STEPS)
-        low, high = self.observation_low, self.observation_high
+        episodes = self.lengths.size
+        bins = math.ceil(self.horizon / BIN_STEPS)
+        low = self.observation_low
+        high = self.observation_high
         fits = (
             1 <= self.horizon <= LONGEST_HORIZON
             and episodes >= 1
@@ -99,34 +101,37 @@ def measure_reference(
     """
     world = world or make_world(policy.task.name, [FIRST_SEED + k for k in range(episodes)])
     try:
-        longest = policy.training_horizon
-        horizon = int(longest) if math.isfinite(longest) else world.spec.default_horizon
-        clock: Clock | None = Countdown(float(horizon)) if policy.has_clock else None
-        own, embedding = getattr(policy, "clock", None), getattr(getattr(policy, "protocol", None), "embedding", None)
-        if isinstance(own, Countdown) and isinstance(embedding, TimeFeature):  # an imported 1 - t/N: N is not T
-            clock = own
-        loop = ClosedLoop(world, [EpisodePolicy(policy, clock)] * episodes)
+        horizon = world.spec.default_horizon
+        if math.isfinite(policy.training_horizon):
+            horizon = int(policy.training_horizon)
+        loop = ClosedLoop(world, [EpisodePolicy(policy, _training_clock(policy, horizon))] * episodes)
         first = loop.observations
-        low, high = first.min(axis=0), first.max(axis=0)
+        low = first.min(axis=0)
+        high = first.max(axis=0)
         scale = np.tile(policy.observation_std, (episodes, 1))
         detector = DivergenceDetector(first, scale, world.spec.hides_divergence)
         rewards = np.zeros((episodes, math.ceil(horizon / BIN_STEPS)))
-        lengths, terminated = np.full(episodes, horizon), np.zeros(episodes, np.bool_)
+        lengths = np.full(episodes, horizon)
+        terminated = np.zeros(episodes, np.bool_)
         with one_thread(), np.errstate(over="ignore"):
             for step in range(horizon):
                 loop_step = loop.advance()
                 observe(loop_step)
                 result = loop_step.step
+                # What the engine made up after a divergence does not count.
                 valid = ~detector.diverged(loop_step)
                 rewards[loop_step.episodes[valid], step // BIN_STEPS] += result.rewards[valid]
                 if valid.any():
                     low = np.minimum(low, result.observations[valid].min(axis=0))
                     high = np.maximum(high, result.observations[valid].max(axis=0))
+                # Which episodes ended, and how: a success is no fall.
                 if not valid.all():
                     loop.drop(loop_step.episodes[~valid])
                 ended = result.ended | ~valid
                 lengths[loop_step.episodes[ended]] = step + 1
-                fell = result.terminated & (True if result.successes is None else result.successes != 1.0)
+                fell = result.terminated
+                if result.successes is not None:
+                    fell = fell & (result.successes != 1.0)
                 terminated[loop_step.episodes[ended]] = fell[ended]
                 if not len(loop.running):
                     break
@@ -135,6 +140,17 @@ def measure_reference(
     finally:
         world.close()
     return Reference(horizon, rewards, lengths, terminated, low, high)
+
+
+def _training_clock(policy: PolicyLike, horizon: int) -> Clock | None:
+    """Return a clock that counts down as in training; None for a policy without a time-to-go input."""
+    if not policy.has_clock:
+        return None
+    own = getattr(policy, "clock", None)
+    embedding = getattr(getattr(policy, "protocol", None), "embedding", None)
+    if isinstance(own, Countdown) and isinstance(embedding, TimeFeature):  # an imported 1 - t/N: N is not T
+        return own
+    return Countdown(float(horizon))
 
 
 def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:

@@ -31,11 +31,11 @@ from perdure.stats import FloatArray
 # Style
 
 WIDTH = 660
-"""Width of half-page figures, of the area between the axes. [px]"""
+"""Of a half-page figure [px]."""
 WIDE = 1120
-"""Width of full-page figures. [px]"""
+"""Width of a full-page figure [px]."""
 HEIGHT = 290
-"""Height of the area between the axes. [px]"""
+"""Of the area between the axes [px]."""
 PNG_SCALE = 2.0
 """Pixels of a PNG for each of these."""
 FONT_SIZE = 11
@@ -169,11 +169,16 @@ class Axis:
             low = min(least, 0.0)
             high = max(most, 0.0)
             margin = 0.04 * (high - low or 1.0)
-            low -= margin * (low < 0.0)
+            if low < 0.0:
+                low -= margin
             high += margin
-        low = low if self.low is None else min(self.low, least)
-        high = high if self.high is None else max(self.high, most)
-        return low, high if high > low else low + 1.0
+        if self.low is not None:
+            low = min(self.low, least)
+        if self.high is not None:
+            high = max(self.high, most)
+        if high <= low:
+            high = low + 1.0
+        return low, high
 
     def ticks(self, high: float, grid: bool, values: Sequence[float] = ()) -> Spec:
         """Return the marks of an axis whose values reach `high`; at `values` where they are given."""
@@ -187,29 +192,38 @@ class Axis:
             low = self.low or high / 1e3
             first = math.ceil(math.log10(low) - 1e-9)
             last = math.floor(math.log10(high) + 1e-9)
-            values = [10.0**k for k in range(first, last + 1)]
-            values += [high] if values and high >= 2.0 * values[-1] else []
-            marks |= {"format": ",.0f" if low >= 1.0 else "~g"}
+            powers = [10.0**k for k in range(first, last + 1)]
+            if powers and high >= 2.0 * powers[-1]:
+                powers.append(high)
+            values = powers
+            marks["format"] = ",.0f" if low >= 1.0 else "~g"
         elif high >= 10_000.0:
             marks |= {"labelExpr": "format(datum.value, '~s')"}
-        return marks | ({"values": list(values)} if values else {})
+        if values:
+            marks["values"] = list(values)
+        return marks
 
     def channel(self, field: str, values: Sequence[float], grid: bool = False) -> Spec:
         """Return a position channel with room for `values`."""
         low, high = self.bounds(values)
-        scale: Spec = {"type": "log" if self.log else "linear", "domain": [low, high], "nice": False}
-        scale = {"domain": list(self.names)} if self.names else scale
-        of = "nominal" if self.names else "quantitative"
+        if self.names:
+            kind = "nominal"
+            scale: Spec = {"domain": list(self.names)}
+        else:
+            kind = "quantitative"
+            scale = {"type": "log" if self.log else "linear", "domain": [low, high], "nice": False}
         return {
-            **{"field": field, "type": of, "title": self.title or None},
+            **{"field": field, "type": kind, "title": self.title or None},
             **{"axis": self.ticks(high, grid), "scale": scale},
         }
 
     def tooltip(self, field: str) -> Spec:
         """Return what is shown when the pointer is on a point."""
-        shown = {"type": "nominal"} if self.names else {"type": "quantitative"}
-        shown |= {} if self.names else {"format": ".1%" if self.percent else ",.4~g"}
-        return {"field": field, "title": self.title, **shown}
+        shown = {"field": field, "title": self.title, "type": "nominal"}
+        if not self.names:
+            shown["type"] = "quantitative"
+            shown["format"] = ".1%" if self.percent else ",.4~g"
+        return shown
 
 
 def named(field: str, **more: Any) -> Spec:
@@ -221,10 +235,9 @@ def _looks(things: Sequence[Any], legend: bool = False) -> tuple[Spec, Spec, Spe
     """Return the channels that give each thing its color, dash pattern and shape, by the field `label`."""
     shown = {"symbolOpacity": 1} if legend else None
     labels = [each.label for each in things]
-    looks = [each.style for each in things]
-    colors = [each.color for each in looks]
-    shapes = [each.shape for each in looks]
-    dashes = [[*each.dash] for each in looks]
+    colors = [each.style.color for each in things]
+    shapes = [each.style.shape for each in things]
+    dashes = [[*each.style.dash] for each in things]
     return (
         named("label", title=None, legend=shown, scale={"domain": labels, "range": colors}),
         named("label", title=None, legend=None, scale={"domain": labels, "range": dashes}),
@@ -239,7 +252,9 @@ def layer(rows: Iterable[Row], mark: str, style: Spec, **channels: Any) -> Spec:
 
 def number(value: float) -> float | None:
     """Return a value as a figure holds it: with six digits; None unless it is finite."""
-    return float(f"{value:.6g}") if np.isfinite(value) else None
+    if not np.isfinite(value):
+        return None
+    return float(f"{value:.6g}")
 
 
 def _finite(arrays: Iterable[FloatArray | Sequence[float] | None]) -> list[float]:
@@ -253,11 +268,11 @@ def _finite(arrays: Iterable[FloatArray | Sequence[float] | None]) -> list[float
 FEWEST_JOINED = 3
 """Fewer points are not joined by a line: nothing is known between two."""
 _LINE = 13
-"""Height of a line of text. [px]"""
+"""Height of a line of text [px]."""
 _NAME = 24
 """Letters of a curve's name in one line."""
 _BAR = 5
-"""Room for a bar at the right. [px]"""
+"""Room for a bar at the right [px]."""
 _AT_RISK = 52
 """From the axis down to the numbers at risk [px]."""
 
@@ -292,10 +307,13 @@ class Curve:
         """Return index, place and interval ({}: none) of every known point."""
         found = []
         for k in np.flatnonzero(np.isfinite(self.y)).tolist():
-            at = {"x": x.names[int(self.x[k])] if x.names else number(self.x[k]), "label": self.label}
-            known = self.lower is not None and self.upper is not None and np.isfinite(self.lower[k])
-            bounds = {"lower": number(self.lower[k]), "upper": number(self.upper[k])} if known else {}  # type: ignore[index]
-            found.append((k, at, bounds))
+            at: Row = {"x": number(self.x[k]), "label": self.label}
+            if x.names:
+                at["x"] = x.names[int(self.x[k])]
+            interval: Row = {}
+            if self.lower is not None and self.upper is not None and np.isfinite(self.lower[k]):
+                interval = {"lower": number(self.lower[k]), "upper": number(self.upper[k])}
+            found.append((k, at, interval))
         return found
 
 
@@ -333,24 +351,31 @@ def curve_chart(
 
     With `steps` a value holds until the next point. `width` is that of the whole figure [px].
     """
-    ys = _finite([values for each in lines for values in (each.y, each.lower, each.upper, each.members)])
+    # What the axes have to hold.
+    ys = []
+    for each in lines:
+        ys += _finite([each.y, each.lower, each.upper, each.members])
     ys += _finite([[each.y, each.lower, each.upper] for each in levels])
     xs = _finite(each.x for each in lines)
+    across = x.channel("x", xs)
+    up = y.channel("y", ys, grid=True)
+    # Room at the right for names, and for the intervals of the last points.
     names = _end_names(lines, levels, x, y.bounds(ys), x.bounds(xs)[1])
     lasts = [row for row in names if row.get("lower") is not None]
     longest = max((len(word) for row in names for word in row["text"]), default=0)
     bars_end = _BAR * len(lasts)
     plot = max(width - 75 - text_width(longest) - bars_end, width // 3)
-    across = x.channel("x", xs)
-    up = y.channel("y", ys, grid=True)
+    # Data and channels of the layers.
     span = {"y": up | {"field": "lower"}, "y2": {"field": "upper"}}
     color, dash, shape = _looks([*lines, *levels])
     joined, dots, bands, bars, members = _curve_rows(lines, x)
-    flat = [{"label": each.label, **{k: number(getattr(each, k)) for k in ("y", "lower", "upper")}} for each in levels]
+    flat = [
+        {"label": each.label, "y": number(each.y), "lower": number(each.lower), "upper": number(each.upper)}
+        for each in levels
+    ]
     kind = {"interpolate": "step-after" if steps else "linear"}
     tips = [named("label", title="curve"), x.tooltip("x"), y.tooltip("y")]
-    # a page may change the width
-    edge = {"value": "width"}
+    edge = {"value": "width"}  # a page may change the width
     point = {"x": across, "y": up, "color": color}
     level_bands = [row for row in flat if row["lower"] is not None]
     words = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE, "dx": bars_end + 13}
@@ -380,20 +405,30 @@ def curve_chart(
 
 def _curve_rows(lines: Sequence[Curve], x: Axis) -> tuple[list[Row], ...]:
     """Return the data of lines, marks, bands, bars and thin lines."""
-    joined, dots, bands, bars, members = parts = tuple(list[Row]() for _ in range(5))
+    joined: list[Row] = []
+    dots: list[Row] = []
+    bands: list[Row] = []
+    bars: list[Row] = []
+    members: list[Row] = []
     for each in lines:
         points = each._points(x)
         whole = each.joined and len(points) >= FEWEST_JOINED
         for k, at, interval in points:
+            # A mark where no line shows the point.
             point = at | {"y": number(each.y[k])}
-            joined += [point] if whole else []
-            dots += [point] if each.marked or not whole else []
-            if interval and each.intervals != "last":
-                (bands if each.intervals == "band" and whole else bars).append(at | interval)
+            if whole:
+                joined.append(point)
+            if each.marked or not whole:
+                dots.append(point)
+            # Its interval, and what it is the mean of.
+            if interval and each.intervals == "band" and whole:
+                bands.append(at | interval)
+            elif interval and each.intervals != "last":
+                bars.append(at | interval)
             if each.members is not None and whole:
                 values = [(n, number(row[k])) for n, row in enumerate(each.members)]
                 members += [at | {"y": value, "member": n} for n, value in values if value is not None]
-    return parts
+    return joined, dots, bands, bars, members
 
 
 def _end_names(
@@ -402,10 +437,15 @@ def _end_names(
     """Return the names, moved apart where they would overlap, and where the thin lines to their curves begin."""
     rows: list[Row] = []
     for each in lines:
-        if each.named and (points := each._points(x)):
+        points = each._points(x)
+        if each.named and points:
             k, at, interval = points[-1]
-            rows.append(at | {"y": float(each.y[k])} | (interval if each.intervals == "last" else {}))
-    rows += [{"x": x.names[-1] if x.names else last, "y": each.y, "label": each.label} for each in levels]
+            end = at | {"y": float(each.y[k])}
+            if each.intervals == "last":
+                end |= interval
+            rows.append(end)
+    right = x.names[-1] if x.names else last
+    rows += [{"x": right, "y": each.y, "label": each.label} for each in levels]
     for row in rows:
         row["text"] = _wrapped(row["label"])
     most = max((len(row["text"]) for row in rows), default=1)
@@ -427,12 +467,13 @@ def _at_risk_layers(curves: Sequence[Curve], across: Spec, right: float, color: 
     """Write under the marks of the axis how many episodes of each curve are still watched."""
     place = HEIGHT + _AT_RISK
     ticks = across["axis"].get("values", ())
+    if not curves or not ticks:
+        return
     style = {"baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
-    if curves and ticks:
-        heading = [{"text": "number at risk: episodes without a failure before this step"}]
-        soft = {**style, "align": "left", "color": SOFT}
-        yield layer(heading, "text", soft, x={"value": 0}, y={"value": place}, text=named("text"))
-    for each in curves if ticks else ():
+    heading = [{"text": "number at risk: episodes without a failure before this step"}]
+    soft = {**style, "align": "left", "color": SOFT}
+    yield layer(heading, "text", soft, x={"value": 0}, y={"value": place}, text=named("text"))
+    for each in curves:
         place += _LINE + 3
         y = {"value": place}
         watched = np.asarray(each.watched)
@@ -449,11 +490,15 @@ def _marker_layers(markers: Sequence[Marker], across: Spec, x: Axis, xs: Sequenc
     """Draw vertical lines with labels on the side with space."""
     for k, each in enumerate(markers):
         ends = np.array([*x.bounds(xs), each.at])
-        low, high, at = np.log(ends) if x.log else ends
+        if x.log:
+            ends = np.log(ends)
+        low, high, at = ends
         left = (at - low) / (high - low) > 0.6 or (k == 0 and len(markers) > 1)
         rows = [{"x": number(each.at), "text": each.label}]
         yield layer(rows, "rule", {"color": SOFT, "strokeDash": [2, 2]}, x=across)
-        style: Spec = {"align": "right", "dx": -4} if left else {"align": "left", "dx": 4}
+        style: Spec = {"align": "left", "dx": 4}
+        if left:
+            style = {"align": "right", "dx": -4}
         style |= {"baseline": "bottom", "color": SOFT, "fontSize": FONT_SIZE}
         yield layer(rows, "text", style, x=across, y={"value": -3}, text=named("text"))
 
@@ -517,22 +562,29 @@ def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: 
     """
     color, _, shape = _looks(points, legend=len(points) > 1)
     row_of = _row_channels(names, points)
-    rows = list[Row]()
-    rings = list[Row]()
+    rows: list[Row] = []
+    rings: list[Row] = []
+    values: list[float] = []
     for each in points:
+        values += _finite([each.x, each.lower, each.upper])
         for k, row in enumerate(each.rows):
             at = {"label": each.label, "row": names[row]}
-            bounds = [np.nan if array is None else array[k] for array in (each.lower, each.upper)]
-            rows.append(at | dict(zip(("x", "low", "high"), map(number, (each.x[k], *bounds)), strict=True)))
-            rings += [at | {"x": number(value)} for value in (each.members[k] if each.members else ())]
-    values = _finite([array for each in points for array in (each.x, each.lower, each.upper)])
+            point = at | {"x": number(each.x[k]), "low": None, "high": None}
+            if each.lower is not None:
+                point["low"] = number(each.lower[k])
+            if each.upper is not None:
+                point["high"] = number(each.upper[k])
+            rows.append(point)
+            if each.members:
+                rings += [at | {"x": number(value)} for value in each.members[k]]
     values += [ring["x"] for ring in rings]
     across = x.channel("x", values, grid=True)
     tips = [named("row", title="row"), named("label", title="kind"), x.tooltip("x")]
     tips += [
         {"field": bound, "type": "quantitative", "title": f"{bound} end of the interval"} for bound in ("low", "high")
     ]
-    ranges, dots = ([row for row in rows if row[known] is not None] for known in ("low", "x"))
+    ranges = [row for row in rows if row["low"] is not None]
+    dots = [row for row in rows if row["x"] is not None]
     span = {"x": across | {"field": "low"}, "x2": {"field": "high"}}
     looks = {"x": across, "color": color, "shape": shape}
     ring = {"size": 30, "filled": False, "strokeWidth": 1.3}
@@ -555,9 +607,14 @@ def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = 
     rows: list[Row] = []
     for each in bars:
         for k, row in enumerate(each.rows):
-            text = f"{each.label}: {each.texts[k]}" if len(bars) > 1 else each.texts[k]
-            end = number(each.x[k] if each.whole is None else each.whole[k])
-            rows.append({"label": each.label, "row": names[row], "x": number(each.x[k]), "end": end, "text": text})
+            text = each.texts[k]
+            if len(bars) > 1:
+                text = f"{each.label}: {text}"
+            end = each.x[k]
+            if each.whole is not None:
+                end = each.whole[k]
+            at = {"label": each.label, "row": names[row]}
+            rows.append(at | {"x": number(each.x[k]), "end": number(end), "text": text})
     plot, height = row_size(names, len(bars), width)
     most = max((row["end"] for row in rows), default=0.0) or 1.0
     # So long that every text finds room behind its bar.
@@ -569,7 +626,7 @@ def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = 
         "scale": {"domain": [0.0, plot / unit], "nice": False},
     }
     behind = across | {"field": "end"}
-    layers = list[Spec]()
+    layers: list[Spec] = []
     if any(each.whole is not None for each in bars):
         layers.append(layer(rows, "bar", {"opacity": 0.3}, **row_of, x=behind, color=color))
     layers.append(layer(rows, "bar", {}, **row_of, x=across | {"field": "x"}, color=color))
@@ -645,9 +702,10 @@ class Figure:
     def standalone(self) -> Spec:
         """Return the specification of a picture that stands alone: heading, title and note above the chart."""
         width = WIDE if self.wide else WIDTH
-        letters, big = (round(width / text_width(100, size) * 100) for size in (FONT_SIZE, TITLE_SIZE * 1.15))
+        title_letters = round(width / text_width(100, TITLE_SIZE * 1.15) * 100)
+        note_letters = round(width / text_width(100, FONT_SIZE) * 100)
         title = ": ".join(filter(None, (self.heading, self.title)))
-        lines = {"text": textwrap.wrap(title, big), "subtitle": textwrap.wrap(self.note, letters)}
+        lines = {"text": textwrap.wrap(title, title_letters), "subtitle": textwrap.wrap(self.note, note_letters)}
         return {**self.spec, "title": lines}
 
 
@@ -661,19 +719,18 @@ def render(figure: Figure, kind: Format = "png") -> bytes:
     if kind not in FORMATS:
         raise PerdureError(f"A figure cannot be written as {kind!r}; formats are {', '.join(FORMATS)}.")
     spec = figure.standalone()
-    how = dict[str, Any](allowed_base_urls=[])
     if kind == "svg":
-        return str(vl_convert.vegalite_to_svg(spec, **how)).encode()
+        return str(vl_convert.vegalite_to_svg(spec, allowed_base_urls=[])).encode()
     if kind == "pdf":
-        return bytes(vl_convert.vegalite_to_pdf(spec, **how))
-    return _deflate(bytes(vl_convert.vegalite_to_png(spec, scale=PNG_SCALE, **how)))
+        return bytes(vl_convert.vegalite_to_pdf(spec, allowed_base_urls=[]))
+    return _deflate(bytes(vl_convert.vegalite_to_png(spec, scale=PNG_SCALE, allowed_base_urls=[])))
 
 
 def _deflate(png: bytes) -> bytes:
     """Compress a PNG again: vl-convert's own is 2.5 times as large (measured)."""
-    head = png[:33]  # signature and header
+    place = 33  # after signature and header
+    head = png[:place]
     pixels = b""
-    place = 33
     while place < len(png):
         (size,) = struct.unpack(">I", png[place : place + 4])
         if png[place + 4 : place + 8] == b"IDAT":
@@ -685,7 +742,10 @@ def _deflate(png: bytes) -> bytes:
 
 def save(figures: Iterable[Figure], folder: Path, formats: Sequence[Format] = ("png",)) -> list[Path]:
     """Write figures as files named after them into a folder, and return these; PerdureError for an unknown format."""
-    return [write_atomic(folder / f"{each.name}.{kind}", render(each, kind)) for each in figures for kind in formats]
+    written = []
+    for each in figures:
+        written += [write_atomic(folder / f"{each.name}.{kind}", render(each, kind)) for kind in formats]
+    return written
 
 
 def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:
@@ -693,10 +753,10 @@ def unique(figures: Iterable[Figure], taken: set[str]) -> list[Figure]:
     found = []
     for figure in figures:
         name = figure.name
-        number = 2
+        copy = 2
         while name in taken:
-            name = f"{figure.name}-{number}"
-            number += 1
+            name = f"{figure.name}-{copy}"
+            copy += 1
         taken.add(name)
         found.append(replace(figure, name=name))
     return found

@@ -16,7 +16,7 @@ from itertools import groupby, takewhile
 import numpy as np
 import polars as pl
 
-from perdure.disturbances import CALM, FACTORS
+from perdure.disturbances import CALM, neutral_level, split_text
 from perdure.report import wording
 from perdure.report.groups import (
     ALL,
@@ -519,12 +519,14 @@ def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
     """
     sweeps: dict[tuple[str, str, bool], list[tuple[float, str, Verdict]]] = {}
     for item in estimates:
-        kind, _, level = item.group.disturbance.partition(":")
-        if level and " " not in level:
+        disturbance = item.group.disturbance
+        kind, level, time = split_text(disturbance)
+        if level and " " not in disturbance:
             who = item.group.policy_and_clock
-            amount = float(level) - (kind in FACTORS)
-            sweeps.setdefault((who, kind, amount < 0), []).append((abs(amount), level, item.verdict))
-    for (who, kind, _), found in sweeps.items():
+            amount = float(level) - neutral_level(kind)
+            what = f"{kind}@{time}" if time else kind
+            sweeps.setdefault((who, what, amount < 0), []).append((abs(amount), level, item.verdict))
+    for (who, what, _), found in sweeps.items():
         tried = []
         judged = []
         for _, level, verdict in sorted(found, key=lambda each: each[:2]):
@@ -536,7 +538,7 @@ def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
         held = [level for level, _ in takewhile(lambda each: each[1].good, judged)]
         if len(found) > 1 and judged:
             up_to = f"up to {held[-1]}" if held else "at none of these levels"
-            yield f"{who}: nine in ten episodes hold under {kind} {up_to} (tried: {', '.join(tried)})."
+            yield f"{who}: nine in ten episodes hold under {what} {up_to} (tried: {', '.join(tried)})."
 
 
 # Clocks

@@ -5,7 +5,8 @@ Importing this package registers `perdure/VelocityCommand-v0`; the path of a con
 
 import gymnasium
 
-from perdure.robots.contract import Contract, read_contract
+from perdure.robots.contract import Contract
+from perdure.robots.readers import read_contract
 
 __all__ = ["Contract", "read_contract"]
 

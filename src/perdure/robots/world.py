@@ -28,14 +28,15 @@ from gymnasium.envs.mujoco import MujocoEnv
 from msgspec.structs import replace
 
 from perdure.errors import PerdureError
-from perdure.robots.contract import SIZES, Command, Contract, FloatArray, Term, read_contract
+from perdure.robots.contract import Command, Contract, FloatArray
+from perdure.robots.readers import read_contract
+from perdure.robots.terms import ObservationTerm, RobotState
 
 LINEAR_VARIANCE, ANGULAR_VARIANCE = 0.25, 0.5
 """Of the tracking rewards, as in mjlab [m^2/s^2, rad^2/s^2]."""
 START_GAP, JOINT_NOISE = 0.01, 0.05
 """Of start states: air under the lowest point [m], and largest difference of joints from the default pose [rad]."""
 FALLBACK_RANGE = math.pi  # half the range of a joint without limits [rad]
-STANDING = 0.01  # a smaller command means standing: the phases of the gait are then 0.5, as in holosoma
 TRUNK, FLOOR = 1, 2  # kinds of geoms
 MINUTE = 60.0
 JOINT_FIELDS = {"armature": "armature", "joint_damping": "damping", "friction_loss": "frictionloss"}
@@ -169,23 +170,22 @@ class Schedule:
 
 
 class Observer:
-    """Observations of a contract: terms of `raw`, scaled and clipped, and their history."""
+    """Observations of a contract: values of its terms, scaled and clipped, and their history."""
 
     def __init__(self, contract: Contract) -> None:
-        terms = contract.terms
-        sizes = {name: contract.size(Term(name)) for name in SIZES if not name.startswith("command_")}
-        ends = np.cumsum(list(sizes.values())).tolist()
-        self.slots = {name: slice(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)}
-        """Where each term is in `raw`."""
-        self.slots |= {"command_lin_vel": slice(9, 11), "command_ang_vel": slice(11, 12)}
-        self.raw = np.zeros(ends[-1])
+        terms, kinds = contract.terms, ObservationTerm.kinds()
         widths = [contract.size(term) for term in terms]
-        self._chosen = np.concatenate([np.arange(ends[-1])[self.slots[term.name]] for term in terms])
+        begins = np.cumsum([0, *widths]).tolist()
+        self._values = [
+            (kinds[term.name]().value, slice(begin, begin + width))
+            for term, begin, width in zip(terms, begins, widths, strict=False)
+        ]
+        self._raw = np.zeros(begins[-1])
         self._scale = np.concatenate([np.broadcast_to(t.scale, w) for t, w in zip(terms, widths, strict=True)])
         clips = np.where(self._scale[:, None] == 0.0, 0.0, np.repeat([term.clip for term in terms], widths, axis=0))
         ranges = np.sort(clips * self._scale[:, None])
         self._low, self._high = ranges.clip(-contract.observation_clip, contract.observation_clip).T
-        longest, begins = max(term.history for term in terms), np.cumsum([0, *widths])
+        longest = max(term.history for term in terms)
         self._past, self._empty = np.zeros((longest, begins[-1])), True
         places, turn = np.arange(self._past.size).reshape(longest, -1), -1 if "newest" in contract.history_order else 1
         parts = [
@@ -202,9 +202,11 @@ class Observer:
         """Begin an episode: its first step fills the history."""
         self._empty = True
 
-    def read(self) -> FloatArray:
-        """Return the observation of what is in `raw` now."""
-        step: FloatArray = np.minimum(np.maximum(self.raw[self._chosen] * self._scale, self._low), self._high)
+    def read(self, robot: RobotState) -> FloatArray:
+        """Return the observation of a robot as it is now."""
+        for value, places in self._values:
+            self._raw[places] = value(robot)
+        step: FloatArray = np.minimum(np.maximum(self._raw * self._scale, self._low), self._high)
         if len(self._past) == 1:
             return step
         self._past[:-1] = step if self._empty else self._past[1:]
@@ -278,15 +280,14 @@ class VelocityCommandEnv(MujocoEnv):
         options.setdefault("default_camera_config", {"trackbodyid": 1, "distance": 2.5, "elevation": -15.0})
         super().__init__(str(Path(contract.model).resolve()), decimation, space, render_mode, **options)
         self.action_space = gymnasium.spaces.Box(*action_range(self.model, contract), dtype=np.float64)
-        joints = self.model.actuator_trnid[:, 0]
-        self._q, self._v = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
+        self._robot = RobotState(contract, self.model, self.data)
+        self._joints = self._robot.positions
         trunk = [self.model.body(name).id for name in contract.trunk] or [1]
         planes = self.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
         self._cosine = math.cos(math.radians(contract.fall_tilt))
         self._schedule, self._observer = Schedule(contract), Observer(contract)
         self.observation_names = tuple(self._observer.names)
-        self._phased = any(term.name in ("sin_phase", "cos_phase") for term in contract.terms)
         self.init_qpos = self._standing()
 
     def _initialize_simulation(self) -> tuple[Any, Any]:
@@ -296,7 +297,7 @@ class VelocityCommandEnv(MujocoEnv):
         """Return the default pose just above the floor, shape (nq,)."""
         model, data, high = self.model, self.data, 10.0
         data.qpos[:7] = 0.0, 0.0, high, 1.0, 0.0, 0.0, 0.0
-        data.qpos[self._q] = self._pose
+        data.qpos[self._joints] = self._pose
         mujoco.mj_forward(model, data)
         solid = np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
         touching = {*solid, *model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
@@ -308,13 +309,14 @@ class VelocityCommandEnv(MujocoEnv):
     def reset_model(self) -> FloatArray:
         """Stand on the floor in the default pose, heading along x, and return the first observation."""
         qpos = self.init_qpos.copy()
-        qpos[self._q] += self.np_random.uniform(-JOINT_NOISE, JOINT_NOISE, len(self._q))
+        qpos[self._joints] += self.np_random.uniform(-JOINT_NOISE, JOINT_NOISE, len(self._joints))
         self.set_state(qpos, np.zeros(self.model.nv))  # type: ignore[no-untyped-call]
         self._schedule.begin(self.np_random)
         self._observer.begin()
-        self._walk, self._seconds, self._walking, self._heading, self._dt = Walk(), 0.0, -1.0, 0.0, float(self.dt)
+        self._robot.walked = -1.0
+        self._walk, self._seconds, self._heading, self._dt = Walk(), 0.0, 0.0, float(self.dt)
         self._second = deque[float](maxlen=round(1.0 / self._dt))
-        return self._observe(np.zeros(len(self._q)))
+        return self._observe(np.zeros(len(self._joints)))
 
     def step(self, action: Any) -> tuple[FloatArray, Any, bool, bool, dict[str, Any]]:
         """Make a control step; see the module."""
@@ -326,42 +328,32 @@ class VelocityCommandEnv(MujocoEnv):
         self._seconds += dt
         observation = self._observe(action if self.policy_action is None else self.policy_action)
         self.policy_action = None
-        vx, vy, turning = self._motion
+        vx, vy, _ = self._robot.linear_velocity
+        turning = self._robot.angular_velocity[2]
         linear, angular = (forward - vx) ** 2 + (lateral - vy) ** 2, (rate - turning) ** 2
         reward = math.exp(-linear / LINEAR_VARIANCE - angular / ANGULAR_VARIANCE)
         joules = float(np.maximum(data.actuator_force * data.actuator_velocity, 0.0).sum()) * dt
-        self._walk.move(self._place, (vx, vy), command, joules, dt)
+        self._walk.move(self._robot.place, (vx, vy), command, joules, dt)
         self._second.append(reward)
         if fell := self._fell():
             reward -= sum(self._second)
         return observation, reward, fell, False, self._walk.measures()
 
     def _observe(self, action: FloatArray) -> FloatArray:
-        """Return the observation, and keep pose and velocities. In Python's numbers: NumPy's calls would cost more."""
-        data, raw, slots, contract = self.data, self._observer.raw, self._observer.slots, self.contract
-        x, y, _, qw, qx, qy, qz = data.qpos[:7].tolist()
-        vx, vy, vz, *turn = data.qvel[:6].tolist()
-        along = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz), 2.0 * (qx * qz - qw * qy)
-        left = 2.0 * (qx * qy - qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz + qw * qx)
-        up = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
-        linear = [vx * axis[0] + vy * axis[1] + vz * axis[2] for axis in (along, left, up)]
-        self._place, self._motion = (x, y, math.atan2(along[1], along[0])), (linear[0], linear[1], turn[2])
-        self._upright, command = up[2], self._schedule.at(self._seconds)
-        raw[:12] = *linear, *turn, -along[2], -left[2], -up[2], *command
-        self._heading = self._place[2] if command[2] or not any(command) else self._heading
-        correction = contract.heading_control_stiffness * math.remainder(self._heading - self._place[2], math.tau)
-        raw[11] += min(1.0, max(-1.0, correction))
-        raw[slots["joint_pos"]] = data.qpos.take(self._q) - self._pose
-        raw[slots["joint_vel"]] = data.qvel.take(self._v)
-        raw[slots["actions"]] = action
-        if self._phased:
-            stands = math.hypot(command[0], command[1]) < STANDING and abs(command[2]) < STANDING
-            self._walking = -1.0 if stands else self._walking + self._dt if self._walking >= 0.0 else 0.0
-            begun = self._walking / contract.gait_period
-            turns = [math.tau * (0.5 if stands else begun + each) for each in contract.gait_offsets]
-            raw[slots["sin_phase"]], raw[slots["cos_phase"]] = [*map(math.sin, turns)], [*map(math.cos, turns)]
-        return self._observer.read()
+        """Return the observation after a step with this action."""
+        robot = self._robot
+        robot.read_base()
+        robot.action = action
+        forward, lateral, rate = command = self._schedule.at(self._seconds)
+        robot.walk_on(command, self._dt)
+        # A robot that walks and is told no turn is told to turn back to its heading.
+        heading = robot.place[2]
+        if rate or not any(command):
+            self._heading = heading
+        correction = self.contract.heading_control_stiffness * math.remainder(self._heading - heading, math.tau)
+        robot.command = (forward, lateral, rate + min(1.0, max(-1.0, correction)))
+        return self._observer.read(robot)
 
     def _fell(self) -> bool:
-        tilted, touching = self._upright < self._cosine, self._kinds[self.data.contact.geom].sum(axis=1)
+        tilted, touching = self._robot.upright < self._cosine, self._kinds[self.data.contact.geom].sum(axis=1)
         return tilted or bool((touching == TRUNK + FLOOR).any())

@@ -2,7 +2,7 @@
 
 from perdure.runs.files import open_regular, read_bounded, refuse_replacing, write_atomic
 from perdure.runs.identity import config_digest, file_digest, versions
-from perdure.runs.run import Observer, State, Status, UnitProgress, read_unit_progress, run_missing
+from perdure.runs.run import Observer, Status, UnitProgress, UnitState, read_unit_progress, run_missing
 from perdure.runs.store import Store, Unit, Work, attempt
 from perdure.runs.workers import ONE_THREAD, LocalWorkers, Workers, check_on, core_count, make_workers
 
@@ -10,11 +10,11 @@ __all__ = [
     "ONE_THREAD",
     "LocalWorkers",
     "Observer",
-    "State",
     "Status",
     "Store",
     "Unit",
     "UnitProgress",
+    "UnitState",
     "Work",
     "Workers",
     "attempt",

@@ -37,16 +37,18 @@ def write_atomic(path: str | os.PathLike[str], data: bytes | str) -> Path:
             file is untouched.
     """
     target = Path(os.path.realpath(path))
-    payload = data.encode() if isinstance(data, str) else data
+    if isinstance(data, str):
+        data = data.encode()
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        mode, prefix = _mode(target), f".partial-{socket.gethostname()}~"
+        mode = _mode(target)
+        prefix = f".partial-{socket.gethostname()}~"
         for leftover in target.parent.glob(f"{prefix}*"):
             _remove_if_dead(leftover, int(leftover.name.removeprefix(prefix).partition("-")[0]))
         temporary = target.with_name(f"{prefix}{os.getpid()}-{secrets.token_hex(6)}")
         try:
             with open(temporary, "xb") as file:
-                file.write(payload)
+                file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
             if mode is not None:
@@ -67,7 +69,8 @@ def read_bounded(path: str | os.PathLike[str], most: int) -> bytes:
     A FIFO does not block, and a device is not read.
     """
     with open_regular(path) as file:
-        if (size := os.fstat(file.fileno()).st_size) > most:
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
             raise PerdureError(f"{os.fspath(path)} has {size:,} bytes; at most {most:,} are read")
         return file.read()
 
@@ -102,9 +105,11 @@ def _mode(target: Path) -> int | None:
         mode = target.stat().st_mode
     except FileNotFoundError:
         return None
-    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        raise OSError(errno.EINVAL, "is not a regular file", target)
-    return stat.S_IMODE(mode) if stat.S_ISREG(mode) else None
+    if stat.S_ISREG(mode):
+        return stat.S_IMODE(mode)
+    if stat.S_ISDIR(mode):  # the rename fails with its own error
+        return None
+    raise OSError(errno.EINVAL, "is not a regular file", target)
 
 
 def _remove_if_dead(leftover: Path, writer: int) -> None:
@@ -123,7 +128,8 @@ def _remove_if_dead(leftover: Path, writer: int) -> None:
 @contextmanager
 def held(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Hold the lock at `path` for the duration of a block; if another process holds it, call `waiting` and wait."""
-    if (descriptor := acquire(path)) is None:
+    descriptor = acquire(path)
+    if descriptor is None:
         waiting()
         descriptor = acquire(path, wait=True)
     assert descriptor is not None
@@ -152,9 +158,12 @@ def acquire(path: Path, wait: bool = False) -> int | None:
     Raises:
         PerdureError: Its file system has no locks.
     """
+    operation = fcntl.LOCK_EX
+    if not wait:
+        operation |= fcntl.LOCK_NB
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, operation)
     except BlockingIOError:
         os.close(descriptor)
         return None

@@ -43,17 +43,19 @@ class Identity(Record, frozen=True, rename={"digest": "sha256"}):
         Raises:
             PerdureError: The key leaves the store or is not readable, or the config holds something JSON cannot.
         """
-        checked, text = check_key(key), canonical_json(config, f"the config of {key!r}")
+        check_key(key)
+        text = canonical_json(config, f"the config of {key!r}")
         try:
-            return cls(checked, read_json(text), hashlib.sha256(text.encode()).hexdigest())
+            return cls(key, read_json(text), hashlib.sha256(text.encode()).hexdigest())
         except PerdureError as error:  # before the work: its record could not be read again
             raise PerdureError(f"{key!r} cannot be stored: {error}") from error
 
     def write(self, folder: Path) -> None:
         """Write the record of this unit into `folder`; add the digest of the current source code to earlier ones."""
-        before = Identity.read(folder).sources if (folder / RECORD).is_file() else ()
-        sources = sorted({*before, source_digest()})
-        record = {"key": self.key, "sha256": self.digest, "config": self.config, "sources": sources}
+        sources = {source_digest()}
+        if (folder / RECORD).is_file():
+            sources.update(Identity.read(folder).sources)
+        record = {"key": self.key, "sha256": self.digest, "config": self.config, "sources": sorted(sources)}
         write_atomic(folder / RECORD, json.dumps(record, indent=2, sort_keys=True) + "\n")
 
     @classmethod
@@ -129,9 +131,8 @@ def check_key(key: str) -> str:
     Raises:
         PerdureError: Otherwise, with what a key may be.
     """
-    parts = key.split("/") if isinstance(key, str) else []
-    readable = all(_PART.fullmatch(part) and part != RECORD for part in parts)
-    if not parts or not readable or len(key) > _LONGEST_KEY:
+    readable = isinstance(key, str) and len(key) <= _LONGEST_KEY
+    if not readable or not all(_PART.fullmatch(part) and part != RECORD for part in key.split("/")):
         raise PerdureError(
             f"{key!r} cannot be a unit's key: use parts of letters, digits and . _ + = , @ ( ) - joined by '/', "
             f'none of them starting with a dot or a dash, such as "Hopper-v3/geometric/seed-0".'
@@ -157,11 +158,13 @@ def canonical_json(config: Mapping[str, Any], name: str) -> str:
 
 def describe_difference(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
     """Return the fields in which two configs differ, with both values, as text."""
-    old, new = dict(flatten(stored)), dict(flatten(asked))
+    old = dict(flatten(stored))
+    new = dict(flatten(asked))
     fields = [field for field in sorted(old | new) if _show(old, field) != _show(new, field)]
     shown = [f"{field} is {_show(old, field)} there and {_show(new, field)} here" for field in fields[:_SHOWN]]
-    rest = [f"{len(fields) - _SHOWN} more fields"] if len(fields) > _SHOWN else []
-    return ", ".join(shown + rest)
+    if len(fields) > _SHOWN:
+        shown.append(f"{len(fields) - _SHOWN} more fields")
+    return ", ".join(shown)
 
 
 def flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
@@ -181,4 +184,6 @@ def flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _show(fields: Mapping[str, Any], field: str) -> str:
-    return repr(fields[field]) if field in fields else "not set"
+    if field in fields:
+        return repr(fields[field])
+    return "not set"

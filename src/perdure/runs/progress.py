@@ -38,7 +38,8 @@ def show_progress(title: str, measure: str = "") -> Iterator[Observer]:
         lines.close()
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"))
-    bar, pace = Progress(*columns, console=console), _Pace(measure)
+    bar = Progress(*columns, console=console)
+    pace = _Pace(measure)
     task = bar.add_task(title, total=1.0, words="")
 
     def draw(status: Status) -> None:
@@ -74,7 +75,8 @@ class Lines:
 
     def __init__(self, title: str, measure: str) -> None:
         _watch_calls()
-        self._title, self._pace = title, _Pace(measure)
+        self._title = title
+        self._pace = _Pace(measure)
         self._began = self._printed = time.monotonic()
         self._status: Status = {}
 
@@ -111,19 +113,26 @@ class _Pace:
 
     def words(self, status: Status) -> tuple[str, str]:
         """Return the work per second and the time left; "" where they are not known."""
-        elapsed, nothing = time.monotonic() - self._began, UnitProgress("waiting")
-        pairs = [(each, self._before.get(key, nothing)) for key, each in status.items()]
+        elapsed = time.monotonic() - self._began
+        pairs = [(each, self._before.get(key, UnitProgress("waiting"))) for key, each in status.items()]
         share = sum(each.size * (each.share - before.share) for each, before in pairs)
         left = sum(each.size * (1 - each.share) for each, _ in pairs)
         done = sum(each.done - before.done for each, before in pairs)
-        rate = f"{done / elapsed:,.0f} {self._measure}/s" if self._measure and done > elapsed > 0 else ""
-        return rate, f"{_duration(elapsed * left / share)} left" if share > 0 and left else ""
+        rate = ""
+        if self._measure and done > elapsed > 0:
+            rate = f"{done / elapsed:,.0f} {self._measure}/s"
+        remaining = ""
+        if share > 0 and left:
+            remaining = f"{_duration(elapsed * left / share)} left"
+        return rate, remaining
 
 
 def total_share(status: Status) -> float:
     """Return the share of all work that is done, from 0 to 1."""
     total = sum(each.size for each in status.values())
-    return sum(each.size * each.share for each in status.values()) / total if total else 1.0
+    if not total:
+        return 1.0
+    return sum(each.size * each.share for each in status.values()) / total
 
 
 def count_states(status: Status) -> str:
@@ -135,18 +144,22 @@ def count_states(status: Status) -> str:
 
 
 def _words(status: Status, pace: _Pace) -> str:
-    many = len(status) > 1 or any(each.state == "busy" for each in status.values())
     facts: dict[str, list[float]] = {}
     for each in status.values():
         for name, value in each.facts.items():
             if math.isfinite(value):
                 facts.setdefault(name.replace("_", " "), []).append(value)
     shown = [f"{name} {sum(values) / len(values):,.4g}" for name, values in facts.items()]
+    parts = [f"{math.floor(100 * total_share(status))}%"]
+    if len(status) > 1 or any(each.state == "busy" for each in status.values()):
+        parts.append(count_states(status))
     rate, left = pace.words(status)
-    parts = (f"{math.floor(100 * total_share(status))}%", count_states(status) if many else "", rate, *shown, left)
+    parts += [rate, *shown, left]
     return "  ".join(filter(None, parts))
 
 
 def _duration(seconds: float) -> str:
     hours, minutes = divmod(math.ceil(seconds / 60), 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min"

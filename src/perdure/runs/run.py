@@ -19,14 +19,14 @@ POLL_SECONDS = 0.25
 BUSY_SECONDS = 1.0
 """Interval at which units that another command is running are tried again."""
 
-State = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
+UnitState = Literal["waiting", "running", "busy", "finished", "failed", "blocked"]
 
 
 @dataclass(frozen=True)
 class UnitProgress:
     """Progress of one unit."""
 
-    state: State
+    state: UnitState
     """"busy": another command is running it; "blocked": a unit it depends on has failed."""
     done: float = 0.0
     total: float = 1.0
@@ -40,7 +40,11 @@ class UnitProgress:
     @property
     def share(self) -> float:
         """Share of the unit that is done, from 0 to 1."""
-        return 1.0 if self.state == "finished" else min(1.0, self.done / self.total) if self.total > 0 else 0.0
+        if self.state == "finished":
+            return 1.0
+        if self.total <= 0:
+            return 0.0
+        return min(1.0, self.done / self.total)
 
 
 Status = Mapping[str, UnitProgress]
@@ -55,6 +59,7 @@ def run_missing(
     cores: int | None = None,
     observe: Observer = lambda status: None,
     waiting: Callable[[], None] = lambda: None,
+    keep_going: bool = True,
 ) -> None:
     """Run every unit that is not finished; start nothing if all are. The same call resumes a killed one.
 
@@ -69,6 +74,7 @@ def run_missing(
         observe: Called with the status of all units, about four times a second and at every report in this process.
         waiting: Called once, before waiting for units that other commands run, unless a unit has failed. What it raises
             ends the run.
+        keep_going: False: what a unit raises in this process ends the run at once.
 
     Raises:
         PerdureError: Units failed (raised when nothing more can be run), `on` or `cores` is out of range, a unit cannot
@@ -78,9 +84,10 @@ def run_missing(
     missing = [unit for unit in units if not store.done(unit.key, unit.config)]
     if not missing:
         return
-    workers, run = make_workers(on, missing, cores), _Run(units, store, observe, waiting)
+    workers = make_workers(on, missing, cores)
+    run = _Run(units, store, observe, waiting)
     if workers is None:
-        run.run_here(core_count(cores))
+        run.run_here(core_count(cores), keep_going)
     else:
         with workers:
             run.run_on(workers)
@@ -93,14 +100,18 @@ def read_unit_progress(store: Store, unit: Unit) -> UnitProgress:
     Raises:
         PerdureError: The finished unit has another config.
     """
-    finished = store.done(unit.key, unit.config)
+    state: UnitState = "waiting"
+    if store.done(unit.key, unit.config):
+        state = "finished"
     done, total, facts = read_progress(store, unit.key)
-    return UnitProgress("finished" if finished else "waiting", done, total, facts, "", unit.size)
+    return UnitProgress(state, done, total, facts, size=unit.size)
 
 
 class _Run:
     def __init__(self, units: Sequence[Unit], store: Store, observe: Observer, waiting: Callable[[], None]) -> None:
-        self._store, self._observe, self._waiting = store, observe, waiting
+        self._store = store
+        self._observe = observe
+        self._waiting = waiting
         self._announced = False
         self._units = {unit.key: unit for unit in units}
         if len(self._units) < len(units):
@@ -115,17 +126,22 @@ class _Run:
         self._try_again: dict[str, float] = {}
         self._errors: dict[str, BaseException] = {}
 
-    def run_here(self, threads: int) -> None:
+    def run_here(self, threads: int, keep_going: bool) -> None:
         """Run everything in this process, the unit that is furthest behind first."""
         self._observe(self._status)
-        while (unit := self._next()) is not None or self._wait_for_others():
+        while True:
+            unit = self._next()
             if unit is None:
+                if not self._wait_for_others():
+                    return
                 continue
             self._set(unit.key, "running")
             try:
                 result = attempt(self._store.root, unit, threads, self._reporter(unit.key))
                 self._record_end(Ended(unit.key, result))
             except Exception as error:
+                if not keep_going:
+                    raise
                 self._errors[unit.key] = error
                 self._record_end(Ended(unit.key, None, one_line(error)))
             self._observe(self._status)
@@ -133,7 +149,10 @@ class _Run:
     def run_on(self, workers: Workers) -> None:
         """Keep workers busy until nothing more can be run."""
         while True:
-            while workers.free and (unit := self._next()) is not None:
+            while workers.free:
+                unit = self._next()
+                if unit is None:
+                    break
                 self._set(unit.key, "running")
                 workers.start(self._store.root, unit)
             self._observe(self.refresh())
@@ -161,13 +180,16 @@ class _Run:
         if len(self._units) == 1 and first in self._errors:
             raise self._errors[first]
         blocked = sum(each.state == "blocked" for each in self._status.values())
-        count = f"{len(failed)} of {len(self._units)} units failed" + (f", {blocked} depend on them" if blocked else "")
+        count = f"{len(failed)} of {len(self._units)} units failed"
+        if blocked:
+            count += f", {blocked} depend on them"
         cause = self._errors.get(first)
         raise PerdureError(f"{count}: {first}: {self._status[first].error}") from cause
 
     def _next(self) -> Unit | None:
         """Return the unit to run next: of those that can be, the one that is furthest behind."""
-        now, ready = time.monotonic(), []
+        now = time.monotonic()
+        ready = []
         for number, (key, unit) in enumerate(self._units.items()):
             state = self._status[key].state
             if state == "busy" and now >= self._try_again[key]:
@@ -179,7 +201,10 @@ class _Run:
                 self._set(key, "blocked")
             elif before <= {"finished"}:
                 ready.append((self._status[key].share, number, unit))
-        return min(ready, key=lambda each: each[:2])[2] if ready else None
+        if not ready:
+            return None
+        _, _, furthest_behind = min(ready, key=lambda each: each[:2])
+        return furthest_behind
 
     def _wait_for_others(self) -> bool:
         """Wait a little if another command is running a unit; return whether there is one."""
@@ -210,15 +235,18 @@ class _Run:
         done, total, facts = read_progress(self._store, ended.key)
         known = self._status[ended.key]
         if not facts or done < known.done:  # reported in this process, not through the store
-            done, total, facts = known.done, known.total, dict(known.facts)
-        state: State = "waiting"
+            done = known.done
+            total = known.total
+            facts = dict(known.facts)
+        state: UnitState = "waiting"
         if ended.result == "finished":
-            state, done = "finished", total
+            state = "finished"
+            done = total
             with suppress(OSError):
                 self._store.note_path("progress", ended.key).unlink(missing_ok=True)
         self._status[ended.key] = replace(known, state=state, done=done, total=total, facts=facts)
 
-    def _set(self, key: str, state: State, error: str = "") -> None:
+    def _set(self, key: str, state: UnitState, error: str = "") -> None:
         self._status[key] = replace(self._status[key], state=state, error=error)
 
     def _reporter(self, key: str) -> Callable[..., None]:

@@ -101,7 +101,9 @@ def attempt(root: str | Path, unit: Unit, threads: int = 1, report: ReportCallba
         if store.done(unit.key, unit.config):  # another process finished it in the meantime
             return "finished"
         raise
-    return "finished" if workspace.complete else "unfinished"
+    if workspace.complete:
+        return "finished"
+    return "unfinished"
 
 
 class Store:
@@ -129,7 +131,8 @@ class Store:
         """
         unit = Identity.of(key, config)
         self._check_place(unit)
-        if (descriptor := acquire(self._hidden("locks") / f"work-{_flat(key)}")) is None:
+        descriptor = acquire(self._hidden("locks") / f"work-{_flat(key)}")
+        if descriptor is None:
             raise UnitBusyError(f"{key!r} is being run by another process in {self.root}.")
         try:
             workspace = Workspace(self._begin_work(unit))
@@ -184,9 +187,12 @@ class Store:
         The warning is an `OtherSourceWarning`. The units are reused, because not every change of the code changes a
         result. Units without a recorded source are skipped.
         """
-        places = [place for key in keys for place in (self._folder(key), self.root / ".working" / _flat(key))]
-        folders = [place for place in places if (place / RECORD).is_file()]
-        if others := [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]:
+        folders = []
+        for key in keys:
+            places = (self._folder(key), self.root / ".working" / _flat(key))
+            folders += [place for place in places if (place / RECORD).is_file()]
+        others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
+        if others:
             warnings.warn(
                 f"{len(others)} of {len(folders)} results were made by another version of perdure's source code and "
                 f"are reused, such as {others[0]}. Remove a result's folder to compute it again.",
@@ -196,7 +202,9 @@ class Store:
 
     def keys(self, prefix: str = "") -> tuple[str, ...]:
         """Return the keys of all finished units, sorted; with `prefix`, of those under that part of the tree."""
-        top = self._folder(prefix) if prefix else self.root
+        top = self.root
+        if prefix:
+            top = self._folder(prefix)
         found = []
         for folder, names, files in os.walk(top):
             names[:] = sorted(name for name in names if not name.startswith("."))

@@ -111,7 +111,8 @@ class LocalWorkers:
     def __init__(self, count: int, cores: int = 1) -> None:
         if count < 1 or cores < 1:
             raise ValueError(f"count and cores must be at least 1, got {count} and {cores}")
-        self._count, self._cores = count, cores
+        self._count = count
+        self._cores = cores
         self._stack = ExitStack()
         self._selector = selectors.DefaultSelector()
         self._idle: list[_Process] = []
@@ -125,13 +126,19 @@ class LocalWorkers:
 
     def __enter__(self) -> Self:
         free = self._stack.enter_context(own_cores(self._count * self._cores))
-        shares = [free[k * self._cores : (k + 1) * self._cores] for k in range(self._count)]
-        self._places = [share if len(share) == self._cores else () for share in shares]
+        for k in range(self._count):
+            share: Sequence[int] = free[k * self._cores : (k + 1) * self._cores]
+            if len(share) < self._cores:
+                share = ()  # too few idle cores: this process may run anywhere
+            self._places.append(share)
         return self
 
     def start(self, root: Path, unit: Unit) -> None:
         """Begin an attempt at a unit of the store in `root`."""
-        process = self._idle.pop() if self._idle else _Process(self._places.pop(0), self._selector)
+        if self._idle:
+            process = self._idle.pop()
+        else:
+            process = _Process(self._places.pop(0), self._selector)
         self._busy[process] = unit.key
         process.send(str(root), unit, self._cores)
 
@@ -142,7 +149,8 @@ class LocalWorkers:
             process: _Process = selected.data
             answer = process.receive()
             key = self._busy.pop(process, None)
-            if key is None:  # it died while it had nothing to do
+            # A process that has died gives its cores back; one that has answered waits for the next unit.
+            if key is None:  # it had nothing to do
                 self._idle.remove(process)
                 self._places.append(process.cores)
                 process.end()
@@ -169,7 +177,8 @@ class _Process:
     """One worker process."""
 
     def __init__(self, cores: Sequence[int], selector: selectors.BaseSelector) -> None:
-        self.cores, self._selector = cores, selector
+        self.cores = cores
+        self._selector = selector
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - `end` closes it
         self._page = tempfile.TemporaryFile()  # noqa: SIM115
         self._page.truncate(PAGE_BYTES)
@@ -196,7 +205,10 @@ class _Process:
         """Return its answer, None if it has ended."""
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
-        return json.loads(line) if line.endswith(b"\n") else None
+        if not line.endswith(b"\n"):
+            return None
+        answer: dict[str, Any] = json.loads(line)
+        return answer
 
     def kill(self) -> None:
         self._process.kill()
@@ -213,7 +225,7 @@ class _Process:
         call_pages.remove(self._call)
         self._page.close()
         _, _, words = noted_call(self._call).partition(" ")
-        inside = f" in {words}" if words else ""
+        inside = words and f" in {words}"
         self._selector.unregister(self._process.stdout)
         self._process.stdout.close()
         with suppress(BrokenPipeError):  # a job that was never read
@@ -225,7 +237,9 @@ class _Process:
             return f"its process was ended by {signal.Signals(-code).name}{inside}"
         if code < 0:
             return f"its process was ended by SIGKILL{inside} (out of memory?)"
-        return lines[-1] if lines and not inside else f"its process ended with exit code {code}{inside}"
+        if lines and not inside:
+            return lines[-1]
+        return f"its process ended with exit code {code}{inside}"
 
 
 def serve() -> None:
@@ -240,7 +254,8 @@ def serve() -> None:
     if os.getppid() != int(sys.argv[3]):  # the parent has ended while this process was starting
         os._exit(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C reaches the parent too, which ends its workers
-    if cores := json.loads(sys.argv[2]):
+    cores = json.loads(sys.argv[2])
+    if cores:
         os.sched_setaffinity(0, cores)
     with suppress(EOFError):  # the parent has closed the pipe
         while True:
@@ -263,10 +278,13 @@ def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
 
 def one_line(error: BaseException) -> str:
     """Return an error as one line: the message alone for errors that perdure words, with its type for others."""
-    text, kind = printable(" ".join(str(error).split())), type(error).__name__
-    if isinstance(error, PerdureError) and text:
+    text = printable(" ".join(str(error).split()))
+    kind = type(error).__name__
+    if not text:
+        return kind
+    if isinstance(error, PerdureError):
         return text
-    return f"{kind}: {text}" if text else kind
+    return f"{kind}: {text}"
 
 
 # A Ray cluster
@@ -286,7 +304,8 @@ class RayWorkers:
         except ImportError:
             raise PerdureError("running on Ray needs it installed: pip install 'perdure[ray]'") from None
         self._ray: Any = ray
-        self._address, self._cores = address, cores
+        self._address = address
+        self._cores = cores
         self._keys: dict[Any, str] = {}
         self._mine = False
 
@@ -349,8 +368,12 @@ def own_cores(count: int) -> Iterator[list[int]]:
     """
     with ExitStack() as stack:
         taken: list[int] = []
-        for core in idle_cores() if count else ():
-            if len(taken) < count and (lock := _lock(core)) is not None:
+        candidates = idle_cores() if count else []
+        for core in candidates:
+            if len(taken) == count:
+                break
+            lock = _lock(core)
+            if lock is not None:
                 stack.callback(release, lock)
                 taken.append(core)
         yield taken

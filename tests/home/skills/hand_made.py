@@ -4,10 +4,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from perdure.home.sim.robot import REST_ARM, REST_POSITION
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import BEAMS, NEIGHBORS, SCAN_RANGE, PrivilegedState
 
-REST = np.array(REST_POSITION)
+REST = ROBOT.rest_position
 BOWL, OTHER, DRAWER = 0, 4, 3
 """The skill_goal's object, another one, the skill_goal's link."""
 
@@ -17,8 +17,8 @@ def state(**changes):
     numbers = {
         "base": np.zeros(3),
         "base_velocity": np.zeros(3),
-        "arm": np.array(REST_ARM),
-        "arm_target": np.array(REST_ARM),
+        "arm": ROBOT.rest_arm,
+        "arm_target": ROBOT.rest_arm,
         "gripper_in_base": REST,
         "gripper_rotation": np.eye(3),
         "gripper": REST,

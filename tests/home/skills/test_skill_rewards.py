@@ -8,7 +8,7 @@ from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_
 
 from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.pieces import FRIDGE_DOOR
-from perdure.home.sim.robot import REST_ARM
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.simulator import ARM, GRIP
 from perdure.home.skills import (
     CloseDrawer,
@@ -233,7 +233,7 @@ def test_pick_closes_its_hand_only_where_it_would_take_the_target(around, closes
 
 
 def test_reset_arm_moves_a_joint_to_rest_by_at_most_a_tenth_of_a_radian_and_rolls_the_short_way():
-    target = np.array(REST_ARM)
+    target = ROBOT.rest_arm.copy()
     target[0] += 0.05
     target[1] -= 0.5
     target[2] += 2.0 * np.pi - 0.04  # 0.04 below, once round

@@ -126,13 +126,13 @@ def test_a_model_that_acts_otherwise_is_not_written(tmp_path, monkeypatch):
     from perdure.policy import onnx
 
     monkeypatch.setitem(onnx.OPERATORS, "tanh", "Softsign")
-    with pytest.raises(PerdureError, match="differ from the policy's by up to 0"):
+    with pytest.raises(PerdureError, match="differ"):
         export_onnx(POLICIES["geometric"], tmp_path / "policy.onnx")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_clock_for_a_policy_without_time_is_refused(tmp_path):
-    with pytest.raises(PerdureError, match="no time-to-go input"):
+    with pytest.raises(PerdureError, match="time-to-go"):
         export_onnx(POLICIES["plain"], tmp_path / "policy.onnx", Constant(500.0))
 
 
@@ -198,7 +198,7 @@ class TestModelsOfOtherMakers:
         resumed = evaluate_files(asked, tmp_path / "out", on="here", cores=2)
         assert resumed.frame.equals(evaluate_files(asked, on="here").frame)
         assert set(Store(tmp_path / "out").keys("groups")) > done
-        with pytest.raises(PerdureError, match="another evaluation, which would be replaced"):
+        with pytest.raises(PerdureError, match="another evaluation"):
             evaluate_files(replace(asked, training_horizon=60), tmp_path / "out", on="here")
 
     def test_act_on_each_row_alone(self, tmp_path):
@@ -211,7 +211,7 @@ class TestModelsOfOtherMakers:
         node = helper.make_node("Backdoor", ["obs"], ["actions"], domain="evil.ops")
         info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
         path = self.made(tmp_path / "evil.onnx", [node], info[:1], info[1:], opsets=(("", 17), ("evil.ops", 1)))
-        with pytest.raises(PerdureError, match=r"operators of evil\.ops"):
+        with pytest.raises(PerdureError, match=r"evil\.ops"):
             OnnxModel.load(path)
 
     def test_a_domain_that_is_only_declared_or_defined_inside_needs_no_library(self, tmp_path):
@@ -219,7 +219,7 @@ class TestModelsOfOtherMakers:
         info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
         opsets = (("", 17), ("pkg.local", 1), ("pkg.onnxscript.torch_lib.common", 1))
         path = self.made(tmp_path / "own.onnx", [node], info[:1], info[1:], opsets=opsets)
-        with pytest.raises(PerdureError, match=r"operators of pkg\.local, which"):
+        with pytest.raises(PerdureError, match=r"pkg\.local"):
             OnnxModel.load(path)
         model = onnx.load(path)
         body = [helper.make_node("Neg", ["x"], ["y"])]
@@ -238,7 +238,7 @@ class TestModelsOfOtherMakers:
         node = helper.make_node("If", ["yes"], ["actions"], then_branch=branch("evil.ops"), else_branch=branch(""))
         info = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", 3]) for name in ("obs", "actions")]
         path = self.made(tmp_path / "evil.onnx", [node], info[:1], info[1:], [yes])
-        with pytest.raises(PerdureError, match=r"operators of evil\.ops"):
+        with pytest.raises(PerdureError, match=r"evil\.ops"):
             OnnxModel.load(path)
 
     @pytest.mark.parametrize("place", ["initializer", "attribute"])
@@ -255,7 +255,7 @@ class TestModelsOfOtherMakers:
         if place == "initializer":
             graph.sparse_initializer.append(weight)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-        with pytest.raises(PerdureError, match="keeps weights in another file"):
+        with pytest.raises(PerdureError, match="another file"):
             OnnxModel(model.SerializeToString(), "sparse")
 
     def cast(self, kind, shape):
@@ -280,21 +280,21 @@ class TestModelsOfOtherMakers:
         assert self.cast(kind, ["n", 3])(rows)[:, 0].tolist() == [2.0, 3.0]
 
     def test_an_unknown_type_and_batches_of_nothing_are_refused_when_it_is_loaded(self):
-        with pytest.raises(PerdureError, match=r"an input of type tensor\(int8\) cannot hold observations"):
+        with pytest.raises(PerdureError, match="int8"):
             self.cast(TensorProto.INT8, ["n", 3])
-        with pytest.raises(PerdureError, match="batches of 0 observations"):
+        with pytest.raises(PerdureError, match="batches of 0"):
             self.cast(TensorProto.FLOAT, [0, 3])
 
     @pytest.mark.parametrize("kind", [TensorProto.INT32, TensorProto.BOOL])
     @pytest.mark.parametrize("number", [0.5, np.nan, -3e10])
     def test_numbers_that_the_model_cannot_hold_are_refused(self, kind, number):
-        with pytest.raises(PerdureError, match=r"takes observations of type tensor\((int32|bool)\), which cannot hold"):
+        with pytest.raises(PerdureError, match=r"tensor\((int32|bool)\)"):
             self.cast(kind, ["n", 3])(np.array([[0.0, 1.0, number]]))
 
     def test_sizes_that_are_not_the_task_s_are_refused_where_the_model_tells_them(self):
         model = self.cast(TensorProto.FLOAT, ["n", 3])
         model.check_sizes(task_spec("gymnasium:Pendulum-v1"))
-        with pytest.raises(PerdureError, match=r"cast takes 3 numbers, but gymnasium:Hopper-v5 gives 11"):
+        with pytest.raises(PerdureError, match=r"3.*11"):
             model.check_sizes(task_spec("gymnasium:Hopper-v5"))
         self.cast(TensorProto.FLOAT, ["n", "a"]).check_sizes(task_spec("gymnasium:InvertedPendulum-v5"))
 
@@ -326,10 +326,10 @@ class TestModelsOfOtherMakers:
         with pytest.raises(PerdureError, match="there is no file"):
             OnnxModel.load(tmp_path / "none.onnx")
         second = helper.make_tensor_value_info("state", TensorProto.FLOAT, [1, 4])
-        with pytest.raises(PerdureError, match="has the inputs obs, state; expected are one observation"):
+        with pytest.raises(PerdureError, match="obs, state"):
             OnnxModel.load(self.linear(tmp_path / "two.onnx", extra_inputs=[second]))
         model = OnnxModel.load(self.linear(tmp_path / "theirs.onnx"))
-        with pytest.raises(PerdureError, match=r"observations of shape \(n, 11\), got \(20, 10\)"):
+        with pytest.raises(PerdureError, match=r"\(n, 11\).*\(20, 10\)"):
             model(OBSERVATIONS[:20, :10])
 
 
@@ -355,7 +355,7 @@ class TestTrainingHorizon:
 
     @pytest.mark.parametrize("text", ["long", "0", "-5", "nan"])
     def test_that_makes_no_sense_is_refused(self, tmp_path, text):
-        with pytest.raises(PerdureError, match=f"training_horizon is '{text}'; it is a number of steps"):
+        with pytest.raises(PerdureError, match=f"training_horizon.*'{text}'"):
             OnnxModel.load(self.noted(tmp_path / "noted.onnx", text))
 
     def noted(self, path, text):
@@ -378,7 +378,7 @@ class TestTime:
         own = perdure.extrapolate(policy, **options).frame
         np.testing.assert_allclose(found["return"], own["return"], rtol=1e-3)
         assert found["clock"].unique().to_list() == ["constant(300)"]
-        with pytest.raises(PerdureError, match="stores no clock; name one"):
+        with pytest.raises(PerdureError, match="clock"):
             perdure.extrapolate([path, "Hopper-v3/geometric"], env="envpool:Hopper-v3", steps=60, on="here")
 
     def test_a_running_clock_is_refused(self, tmp_path):

@@ -43,7 +43,7 @@ def test_the_algorithm_and_the_source_are_noted(name):
 
 
 def test_a_missing_normalizer_is_named_with_its_flag(tmp_path):
-    with pytest.raises(PerdureError, match=r"--normalizer \(normalizer=\): there is no file .*gone\.pkl"):
+    with pytest.raises(PerdureError, match=r"normalizer.*gone\.pkl"):
         imported("ppo", normalizer=tmp_path / "gone.pkl")
     with pytest.raises(PerdureError, match="--normalizer"):
         import_once(FIXTURES / "ppo.zip", tmp_path, "Pendulum-v1", normalizer=str(tmp_path / "gone.pkl"))
@@ -60,7 +60,7 @@ def test_how_time_is_treated():
 
 
 def test_a_time_feature_with_other_steps_than_the_environment_gives_a_warning_and_its_horizon():
-    with pytest.warns(PerdureWarning, match=r"from 50 steps.* end after 200"):
+    with pytest.warns(PerdureWarning, match=r"50.*200"):
         policy = imported("sac-time", time_feature="linear:50")
     assert policy.protocol.horizon == Fixed(50)
 
@@ -72,12 +72,12 @@ def test_a_training_horizon_of_the_user_s_own_replaces_the_step_limit():
         warnings.simplefilter("error")
         timed = imported("sac-time", time_feature="linear", training_horizon=50)
     assert (timed.protocol.embedding, timed.protocol.horizon) == (TimeFeature(50), Fixed(50))
-    with pytest.raises(PerdureError, match="training_horizon must be from 1 to 100,000,000, got 0"):
+    with pytest.raises(PerdureError, match=r"training_horizon.*got 0"):
         imported("trpo", training_horizon=0)
 
 
 def test_a_model_that_cannot_show_its_vecnormalize_gives_a_warning_unless_the_user_says_so():
-    with pytest.warns(PerdureWarning, match=r"sac\.zip does not say .* VecNormalize.*--normalizer none"):
+    with pytest.warns(PerdureWarning, match=r"sac\.zip.*--normalizer none"):
         imported("sac", normalizer=None)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -86,7 +86,7 @@ def test_a_model_that_cannot_show_its_vecnormalize_gives_a_warning_unless_the_us
 
 
 def test_statistics_for_a_model_that_had_none_give_a_warning():
-    with pytest.warns(PerdureWarning, match=r"trpo\.zip was not trained behind VecNormalize.*ppo\.pkl"):
+    with pytest.warns(PerdureWarning, match=r"trpo\.zip was not.*ppo\.pkl"):
         imported("trpo", normalizer=FIXTURES / "ppo.pkl")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -108,7 +108,7 @@ def test_statistics_of_another_run_give_a_warning(tmp_path, steps, warned):
 def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag():
     gymnasium.register("Endless-v0", PendulumEnv)
     try:
-        with pytest.warns(PerdureWarning, match=r"no step limit.* 1,000 steps.*--training-horizon"):
+        with pytest.warns(PerdureWarning, match=r"1,000.*--training-horizon"):
             policy = imported("trpo", "Endless-v0")
         assert policy.protocol.horizon == Fixed(1000)
         with warnings.catch_warnings():
@@ -194,5 +194,5 @@ def test_trust_says_what_to_install(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setitem(sys.modules, "stable_baselines3.common.save_util", None)
-    with pytest.raises(PerdureError, match="pip install stable-baselines3 sb3-contrib"):
+    with pytest.raises(PerdureError, match="stable-baselines3 sb3-contrib"):
         load_sb3(FIXTURES / "ppo.zip")

@@ -245,10 +245,10 @@ class TestPayload:
     def test_in_the_statistics_is_refused(self, trace, tmp_path, protocol):
         path = tmp_path / "vecnormalize.pkl"
         path.write_bytes(payload(trace, protocol))
-        with pytest.raises(PerdureError, match=r"vecnormalize.pkl asks for the Python object '_?io.open'"):
+        with pytest.raises(PerdureError, match=r"'_?io.open'"):
             read_vecnormalize(path)
         path.write_bytes(pickle.dumps({"obs_rms": [Payload(trace)]}, protocol))
-        with pytest.raises(PerdureError, match=r"asks for the Python object"):
+        with pytest.raises(PerdureError, match="object"):
             read(model(), tmp_path, normalizer=path)
         assert not trace.exists()
 

@@ -41,7 +41,7 @@ class SkillAgent(Protocol):
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
-        """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), 11)."""
+        """Return actions for these lanes, rows of `state` and `progress`. Shape (len(lanes), action size)."""
 
     def overtime(self, lane: int) -> bool:
         """Return whether a lane needs more time than the skill's limit, to put down what it holds."""
@@ -49,7 +49,7 @@ class SkillAgent(Protocol):
 
 
 Motion = Generator[FloatArray, None, None]
-"""Actions of one lane, one for each control step. Shape (11,)."""
+"""Actions of one lane, one for each control step. Shape (action size,)."""
 
 
 @dataclass
@@ -61,12 +61,12 @@ class LaneView:
     @property
     def base(self) -> Pose:
         """Base pose."""
-        x, y, yaw = (float(value) for value in self.state.base[0])
+        x, y, yaw = self.state.base[0].tolist()
         return Pose(x, y, yaw)
 
     @property
     def arm(self) -> FloatArray:
-        """Targets of the arm's servos in [rad]. Shape (7,)."""
+        """Targets of the arm's servos in [rad]. Shape (joints,)."""
         return np.asarray(self.state.arm_target[0])
 
 
@@ -94,7 +94,8 @@ class Learned(SkillAgent):
 
         `clock` sets a time-to-go input; when None it counts down from the skill's step limit.
         """
-        self.policy, self.clock = policy, clock
+        self.policy = policy
+        self.clock = clock
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `check_fits`."""
@@ -108,13 +109,14 @@ class Learned(SkillAgent):
                 raise PerdureError(f"the policy of {trained} was trained for another skill than {skill.name}")
             options = parse_options(given)
             for each in fields(skill):
-                theirs, ours = options.get(each.name, each.default), getattr(skill, each.name)
+                theirs = options.get(each.name, each.default)
+                ours = getattr(skill, each.name)
                 if theirs != ours:
                     raise PerdureError(
                         f"the policy was trained with {each.name}={theirs}, not {ours}: use another --place"
                     )
-        sizes = self.policy.task.observation_size, self.policy.task.action_size
-        wanted = len(skill.elements), skill.action_size
+        sizes = (self.policy.task.observation_size, self.policy.task.action_size)
+        wanted = (len(skill.elements), skill.action_size)
         if sizes != wanted:
             raise PerdureError(
                 f"the policy of {self.policy.task.name} has {sizes[0]} observations and {sizes[1]} actions; "
@@ -151,7 +153,7 @@ class Predicting(SkillAgent):
     ) -> FloatArray:
         """See `SkillAgent.act`. PerdureError if the function returns a wrong shape."""
         actions = np.asarray(self.predict(skill.observe(state, progress)), dtype=np.float64)
-        shape = len(lanes), skill.action_size
+        shape = (len(lanes), skill.action_size)
         if actions.shape != shape:
             raise PerdureError(f"predict gave actions of shape {actions.shape} for {skill.name}; it must be {shape}")
         return skill.expand_action(actions, state)

@@ -1,115 +1,32 @@
-"""What the oracle's motions consist of: collision queries, motions of base and arm, plans to reach a gripper pose."""
+"""Motions of base and arm that the oracle is made of: drive, turn, reach, back off where something is in the way."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from perdure.home.agents.learned import LaneView, Motion
-from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.kinematics import damped_inverse, gripper_pose, pose_and_jacobian, reach_many
-from perdure.home.sim.occupancy import FreeSpace
-from perdure.home.sim.pieces import FRIDGE_DOOR, Pose
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM, ROLLS, TORSO_HEIGHT
+from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.kinematics import damped_inverse, pose_and_jacobian
+from perdure.home.sim.pieces import Pose
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import wrap
 from perdure.home.sim.simulator import (
     ACTION_SIZE,
     ARM,
-    ARM_FROM,
     ARM_STEP,
-    ARM_TO,
     FORWARD,
     GRIP,
     LEAVE,
-    TORSO,
     TURN,
     Simulator,
 )
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import rest_error
-
-PUSHABLE_WEIGHT = 0.25
-"""Weight of penetration into a loose object, relative to furniture."""
-TOLERATED_DEPTH = 0.002
-"""Penetration in [m] that does not count as a contact."""
-
-
-class CollisionQuery:
-    """A second `MjData` of a lane's model, with the rest of the world frozen at the time of the query."""
-
-    def __init__(self, simulator: Simulator) -> None:
-        """Copy the state of a lane."""
-        import mujoco
-
-        self._mujoco = mujoco
-        self.simulator = simulator
-        simulator.search_all()  # where the query goes there may be what the robot cannot reach from here
-        self._data: Any = mujoco.MjData(simulator.model)
-        self._data.qpos[:] = simulator.qpos
-        self._start: FloatArray = np.array(simulator.qpos)
-        self._held = simulator.held
-
-    def in_fridge(self, point: FloatArray) -> bool:
-        """Return whether a point of the room is within the fridge's outline."""
-        local = self.simulator.scene.apartment.piece_of(FRIDGE_DOOR).pose.to_local(np.asarray(point))
-        return bool((np.abs(local[:2]) < 0.35).all())
-
-    def depth(self, base: Pose, arm: ArrayLike, firm: int = -1) -> float:
-        """Return the penetration of the robot and the held object at a pose in [m], 0 for free; arm of shape (7,).
-
-        `firm` is the number of an object that must not be pushed aside.
-        """
-        scene, data = self.simulator.scene, self._data
-        data.qpos[:] = self._start
-        robot = data.qpos[scene.robot_qpos]
-        robot[:3] = base.x, base.y, base.yaw
-        robot[TORSO], robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
-        if self._held >= 0:
-            position, rotation = gripper_in_room(base, np.asarray(arm, dtype=np.float64))
-            address = scene.object_qpos[self._held]
-            data.qpos[address : address + 3] = position
-            self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], rotation.ravel())
-        self._mujoco.mj_kinematics(self.simulator.model, data)
-        self._mujoco.mj_collision(self.simulator.model, data)
-        return self._deepest(firm)
-
-    def _deepest(self, firm: int) -> float:
-        scene, contact = self.simulator.scene, self._data.contact
-        geoms, distance = contact.geom, contact.dist
-        if not len(distance):
-            return 0.0
-        robot = scene.robot_geoms[geoms]
-        ours = robot.any(axis=1)
-        if self._held >= 0:
-            carried = np.isin(geoms, scene.object_geoms[self._held])
-            ours = (robot | carried).any(axis=1) & ~(robot | carried).all(axis=1)
-        # What can be pushed aside is less of an obstacle than what cannot.
-        loose = np.isin(scene.model.geom_bodyid[geoms], scene.object_bodies).any(axis=1)
-        if firm >= 0:
-            loose &= ~np.isin(geoms, scene.object_geoms[firm]).any(axis=1)
-        deep = np.maximum(-distance - TOLERATED_DEPTH, 0.0) * np.where(loose, PUSHABLE_WEIGHT, 1.0)
-        return float(deep[ours].max()) if ours.any() else 0.0
-
-    def path_depth(self, base: Pose, start: ArrayLike, end: ArrayLike, firm: int = -1, points: int = 8) -> float:
-        """Return the deepest touch on the straight way between two arm poses, both ends included, in [m]."""
-        first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        return max(self.depth(base, first + share * (last - first), firm) for share in np.linspace(0.0, 1.0, points))
-
-
-def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
-    position, rotation = gripper_pose(TORSO_HEIGHT, arm)
-    cos, sin = np.cos(base.yaw), np.sin(base.yaw)
-    about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return base.to_room(position), about_z @ rotation
-
 
 PATIENCE = 15
 """Steps after which a robot that has hardly moved counts as stuck."""
@@ -148,14 +65,16 @@ class View(LaneView):
     ) -> FloatArray:
         """Return an action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
         action = np.zeros(ACTION_SIZE)
-        action[FORWARD], action[TURN], action[GRIP] = forward / self.base_speed, turn / self.base_speed, grip
+        action[FORWARD] = forward / self.base_speed
+        action[TURN] = turn / self.base_speed
+        action[GRIP] = grip
         if arm is not None:
             action[ARM] = arm / ARM_STEP
         return np.clip(action, -1.0, 1.0)
 
 
 def arm_step(way: FloatArray) -> FloatArray:
-    """Return the joint steps of a way, shortened so that no joint moves farther than the benchmark allows. (7,)."""
+    """Return the joint steps of a way, shortened so that no joint moves farther than allowed. Shape (joints,)."""
     return way / max(1.0, float(np.abs(way).max()) / ARM_STEP)
 
 
@@ -176,9 +95,9 @@ def move_arm(
 
 
 def unwound(pose: FloatArray, now: FloatArray) -> FloatArray:
-    """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (7,)."""
+    """Return the same arm pose with its endless rolls within half a turn of their present angles. Shape (joints,)."""
     same = pose.copy()
-    same[ROLLS] += 2.0 * np.pi * np.round((now - pose)[ROLLS] / (2.0 * np.pi))
+    same[ROBOT.continuous] += 2.0 * np.pi * np.round((now - pose)[ROBOT.continuous] / (2.0 * np.pi))
     return same
 
 
@@ -192,7 +111,7 @@ def settled(view: View, steps: int = 10) -> Motion:
 
 def rest_arm(view: View) -> Motion:
     """Move the arm to its pose of rest, rolls the shorter way round."""
-    yield from move_arm(view, [np.asarray(REST_ARM)], settle=15)
+    yield from move_arm(view, [ROBOT.rest_arm], settle=15)
 
 
 def turn_and_go(view: View, yaw: float, distance: float, until: Callable[[], bool] = lambda: False) -> Motion:
@@ -218,12 +137,14 @@ def turn_to(view: View, yaw: float) -> Motion:
         error = float(wrap(np.array(yaw - view.base.yaw)))
         if abs(error) < 0.02:
             return
-        if direction and abs(error) > 0.3:
-            error = error if np.sign(error) == direction else error + direction * 2.0 * np.pi
+        if direction and abs(error) > 0.3 and np.sign(error) != direction:
+            error += direction * 2.0 * np.pi
         yield view.action(turn=float(np.clip(5.0 * error, -2.0, 2.0)))
         if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
-            direction = -float(np.sign(error)) if stuck.count > 1 else 0.0
+            direction = 0.0
+            if stuck.count > 1:
+                direction = -float(np.sign(error))
 
 
 def follow(view: View, points: FloatArray) -> Motion:
@@ -232,25 +153,35 @@ def follow(view: View, points: FloatArray) -> Motion:
     Ends before the last one where it got stuck again and again.
     """
     stuck = Stuck()
-    here = backed = 0
+    here = 0
+    backed = 0
+    last = len(points) - 1
     for _ in range(450):
+        # The waypoint that the robot is at; only those a little ahead are looked at, as a way may cross itself.
         now = np.array([view.base.x, view.base.y])
         away = np.linalg.norm(points[here : here + 12] - now, axis=1)
         here += int(away.argmin())
-        last = len(points) - 1
         if here >= last - 1 and np.linalg.norm(points[last] - now) < 0.03:
             return
+
+        # Turn toward a point ahead, and drive the faster the farther it is.
         ahead = points[min(here + AHEAD, last)] - now
-        far, left = float(np.hypot(*ahead)), float(np.linalg.norm(points[last] - now))
+        far = float(np.hypot(*ahead))
+        left = float(np.linalg.norm(points[last] - now))
         error = float(wrap(np.arctan2(ahead[1], ahead[0]) - view.base.yaw))
         if left < 0.12 and abs(error) > 0.5 * np.pi:
             return
         slow = max(0.0, np.cos(error)) ** 8  # on the spot until the heading is right
-        speed = float(np.clip(3.0 * max(left, far if here + AHEAD < last else 0.0), 0.05, 1.3))
+        if here + AHEAD < last:
+            left = max(left, far)
+        speed = float(np.clip(3.0 * left, 0.05, 1.3))
         yield view.action(forward=speed * slow, turn=float(np.clip(5.0 * error, -2.5, 2.5)))
+
+        # Back off where the robot or its arm is caught, and try again from a little before.
         if stuck.after(view.base) or view.jammed:
             yield from back_off(view)
-            here, backed = max(here - 4, 0), backed + 1
+            here = max(here - 4, 0)
+            backed += 1
             if backed > TRIES:
                 return
 
@@ -285,7 +216,9 @@ class Stuck:
         self.steps += 1
         if self.steps < PATIENCE:
             return False
-        old, self.anchor, self.steps = self.anchor, base, 0
+        old = self.anchor
+        self.anchor = base
+        self.steps = 0
         turned = abs(float(wrap(np.array(base.yaw - old.yaw))))
         stuck = abs(base.x - old.x) + abs(base.y - old.y) + 0.3 * turned < CREEP
         self.count += stuck
@@ -293,12 +226,12 @@ class Stuck:
 
 
 def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> FloatArray:
-    """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (7,).
+    """Return joint steps that move a point of the hand toward a point of the room; rotation is free. Shape (joints,).
 
     Damped least squares; what the three equations leave open draws the arm to its pose of rest. `tool` is the point of
     the hand, from the gripper point along the gripper's axes; `speed` in [m/s] is the largest. Points of shape (3,).
     """
-    position, rotation, matrix = pose_and_jacobian(TORSO_HEIGHT, view.arm)
+    position, rotation, matrix = pose_and_jacobian(ROBOT.torso_height, view.arm)
     arm = rotation @ tool
     away = view.base.to_local(point) - position - arm
     far = float(np.linalg.norm(away))
@@ -306,221 +239,11 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
     rows = matrix[:3] + np.cross(matrix[3:].T, arm).T
     inverse = damped_inverse(rows, 0.03)
     home = np.clip(0.02 * rest_error(view.state.arm_target)[0], -0.01, 0.01)
-    step = inverse @ away + (np.eye(7) - inverse @ rows) @ home
-    return np.asarray(np.clip(view.arm + arm_step(step), ARM_LOW, ARM_HIGH) - view.arm)
+    step = inverse @ away + (np.eye(len(ROBOT.arm)) - inverse @ rows) @ home
+    return np.asarray(np.clip(view.arm + arm_step(step), ROBOT.arm_low, ROBOT.arm_high) - view.arm)
 
 
 def together(first: Motion, second: Motion) -> Motion:
     """Run two motions at once, of base and arm, until both have ended; their actions are added."""
     for actions in zip_longest(first, second, fillvalue=np.zeros(ACTION_SIZE)):
         yield np.clip(sum(actions, np.zeros(ACTION_SIZE)), -1.0, 1.0)
-
-
-DEPTH_COST = 1e4
-"""Cost of a meter of penetration in control steps."""
-FARTHEST = 1.2
-"""Largest horizontal distance in [m] for which inverse kinematics is tried."""
-OTHER_STARTS = ((-0.268, -0.3, 0.367, 1.9, 0.06, 1.2, 0.067), (0.3, -0.9, -0.6, 1.5, 0.6, 1.5, -0.5))
-"""Start poses of inverse kinematics besides the rest pose."""
-PER_STAND = 25
-"""Plans tested at one standing place: an obstacle for one of them blocks most of the others."""
-FINE_POINTS = 25
-"""Test points on a path that is about to be chosen."""
-STANDS_AHEAD = (0.0, 0.15, 0.3, -0.15, 0.45, -0.3, 0.6)
-TURNS = (0.0, 0.3, -0.3)
-"""First standing places: drives in [m], turns in [rad]."""
-FARTHER_AHEAD = (0.75, 0.9, 1.05, 1.2)
-"""Drives in [m] tried when none of the shorter ones is free: a start region may begin 1.8 m from its object."""
-FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
-FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
-FINE_CHECKS = 600
-"""Finer drives and turns for a fridge, and the number of plans tested there, when none of the others is free."""
-FAR_BACK = 0.6
-"""Distance in [m] at which the robot raises its arm when nearer the arm would touch the edge of a shelf."""
-CLOSE = 0.01
-"""Largest position error of a pose in [m]."""
-
-
-@dataclass(frozen=True)
-class GripperGoal:
-    """An acceptable gripper pose."""
-
-    point: FloatArray
-    """Gripper point in the room. Shape (3,)."""
-    approach: FloatArray
-    """Direction of the gripper's x axis in the room. Shape (3,)."""
-    upright: bool
-    """Whether its z axis must point up (then the approach must be level)."""
-    before: FloatArray
-    """Displacement from `point` to the pre-grasp point, in the room. Shape (3,)."""
-    back: float = 0.0
-    """Distance behind the standing place at which the arm is raised in [m], to drive the gripper in and out."""
-
-
-@dataclass(frozen=True)
-class ReachPlan:
-    """Standing places, and arm poses from rest to the gripper goal."""
-
-    entry: Pose
-    """Base pose at which the arm moves from rest to its poses."""
-    base: Pose
-    """Final base pose, straight ahead of `entry`."""
-    poses: tuple[FloatArray, ...]
-    depth: float
-    """Largest penetration on the way in [m]; 0 is collision-free."""
-    steps: float
-    """Approximate number of control steps."""
-
-    @property
-    def free(self) -> bool:
-        """Whether the plan is collision-free."""
-        return self.depth == 0.0
-
-    @property
-    def cost(self) -> float:
-        """Cost in steps; a centimeter of penetration costs a hundred."""
-        return self.steps + DEPTH_COST * self.depth
-
-
-def plan_reach(
-    query: CollisionQuery,
-    stands: Iterable[Pose],
-    gripper_goals: Sequence[GripperGoal],
-    firm: int = -1,
-    checks: int = 200,
-) -> ReachPlan | None:
-    """Return the fastest collision-free plan to a gripper goal, else the plan with the least cost.
-
-    None when no standing place lets the arm reach. The gripper goals must all be upright or none; `firm` is an object
-    that must not be pushed aside. The quickest `checks` plans are tested for collisions.
-    """
-    best: ReachPlan | None = None
-    blocked: dict[Pose, float] = {}
-    rest = np.array(REST_ARM)
-    tried: Counter[Pose] = Counter()
-    for stand, via, end, steps, back in _reachable(query, list(stands), gripper_goals):
-        tried[stand] += 1
-        if tried[stand] > PER_STAND:
-            continue
-        if tried.total() > checks:
-            break
-        entry = _behind(stand, back)
-        if entry not in blocked:
-            blocked[entry] = query.depth(entry, rest, firm=firm)
-        worst = max(blocked[entry], query.depth(stand, end, firm=firm))
-        if best is not None and steps + DEPTH_COST * worst >= best.cost:
-            continue
-        if back > 0.0:
-            drive = [query.depth(_behind(stand, share * back), end, firm=firm) for share in (0.25, 0.5, 0.75, 1.0)]
-            worst = max(worst, *drive)
-        worst = max(worst, query.path_depth(entry, via, end, firm=firm, points=4))
-        if best is None or steps + DEPTH_COST * worst < best.cost:
-            worst = max(worst, query.path_depth(entry, rest, via, firm=firm, points=7))
-        if worst == 0.0:  # between seven points there is room for a shelf
-            worst = query.path_depth(entry, rest, via, firm=firm, points=FINE_POINTS)
-        plan = ReachPlan(entry, stand, (via, end), worst, steps)
-        if best is None or plan.cost < best.cost:
-            best = plan
-        if plan.free:
-            break
-    return best
-
-
-def plan_from(
-    query: CollisionQuery,
-    base: Pose,
-    gripper_goals: Sequence[GripperGoal],
-    point: FloatArray,
-    stands: Sequence[Pose] | None = None,
-    firm: int = -1,
-    others: Callable[[], Sequence[GripperGoal]] = tuple,
-) -> ReachPlan | None:
-    """Return a plan from some standing places, or from what one turn and one drive reach, facing a point (3,).
-
-    When nothing is free, from farther. In a fridge also from finer drives and turns, then with the gripper goals
-    `others()` in addition. See `plan_reach`.
-    """
-    if stands is not None:
-        return plan_reach(query, stands, gripper_goals, firm)
-    found: list[ReachPlan | None] = []
-    for steps in (STANDS_AHEAD, FARTHER_AHEAD):
-        if not _any_free(found):
-            found.append(plan_reach(query, ahead(base, point, steps, TURNS), gripper_goals, firm))
-    if query.in_fridge(point) and not _any_free(found):
-        finer, gripper_goals = list(ahead(base, point, FINE_AHEAD, FINE_TURNS)), [*gripper_goals, *others()]
-        found.append(plan_reach(query, finer, gripper_goals, firm, FINE_CHECKS))
-        if not _any_free(found):
-            farther = [replace(gripper_goal, back=FAR_BACK) for gripper_goal in gripper_goals]
-            found.append(plan_reach(query, finer, farther, firm, FINE_CHECKS))
-    return min((plan for plan in found if plan is not None), key=lambda plan: plan.cost, default=None)
-
-
-def _any_free(plans: Iterable[ReachPlan | None]) -> bool:
-    return any(plan is not None and plan.free for plan in plans)
-
-
-def _behind(stand: Pose, back: float) -> Pose:
-    return Pose(stand.x - back * float(np.cos(stand.yaw)), stand.y - back * float(np.sin(stand.yaw)), stand.yaw)
-
-
-def _reachable(
-    query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Sequence[GripperGoal]
-) -> list[tuple[Pose, FloatArray, FloatArray, float, float]]:
-    """Return all standing places and gripper_goals that inverse kinematics can join, the quickest first."""
-    pairs = [(s, w) for s in stands for w in gripper_goals if np.hypot(s.x - w.point[0], s.y - w.point[1]) < FARTHEST]
-    if not pairs:
-        return []
-    points = np.array([s.to_local(w.point) for s, w in pairs])
-    vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
-    approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
-    upright, rest = pairs[0][1].upright, np.array(REST_ARM)
-    # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
-    starts = (REST_ARM, *OTHER_STARTS) if upright else (REST_ARM,)
-    pairs = pairs * len(starts)
-    points, vias, approach = (np.tile(x, (len(starts), 1)) for x in (points, vias, approach))
-    first = np.repeat(np.array(starts), len(points) // len(starts), axis=0)
-    end, way, turn = reach_many(points, approach, upright, first)
-    rows = np.nonzero((way < CLOSE) & (turn < (0.05 if upright else 0.3)))[0]
-    if not len(rows):
-        return []
-    via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
-    now, found = query.simulator.robot, []
-    for row, middle, miss in zip(rows, via, via_way, strict=True):
-        stand = pairs[row][0]
-        turning = abs(float(wrap(np.array(stand.yaw - now[2]))))
-        drive = 25.0 * float(np.hypot(stand.x - now[0], stand.y - now[1])) + 15.0 * turning
-        arm = (np.abs(middle - rest).max() + np.abs(end[row] - middle).max()) / ARM_STEP
-        if miss < 3.0 * CLOSE:
-            back = pairs[row][1].back
-            found.append((stand, middle, end[row], float(arm + drive + 30.0 * back), back))
-    return sorted(found, key=lambda each: each[3])
-
-
-def ahead(base: Pose, toward: FloatArray, steps: Sequence[float], turns: Sequence[float]) -> Iterator[Pose]:
-    """Yield standing places that one turn and one straight drive reach: facing a point give or take a turn, ahead."""
-    facing = float(np.arctan2(toward[1] - base.y, toward[0] - base.x))
-    for turn in turns:
-        for step in steps:
-            yaw = facing + turn
-            yield Pose(base.x + step * float(np.cos(yaw)), base.y + step * float(np.sin(yaw)), yaw)
-
-
-def around(
-    space: FreeSpace, cells: IntArray, point: FloatArray, best: float, count: int, cost: FloatArray
-) -> Iterator[Pose]:
-    """Yield up to `count` standing places on cells, facing a point: those nearest to the distance `best` in [m] first.
-
-    `cells` are indices into the centers of the free space; `cost` is what standing on each of its cells costs, in
-    meters of distance, shape (n,).
-    """
-    centers = space.centers[cells]
-    away = np.hypot(*(centers - point[:2]).T)
-    taken: list[FloatArray] = []
-    for index in np.argsort(np.abs(away - best) + cost[cells], kind="stable"):
-        center = centers[index]
-        if any(np.hypot(*(center - other)) < 0.2 for other in taken):
-            continue
-        taken.append(center)
-        yield Pose(float(center[0]), float(center[1]), float(np.arctan2(*(point[:2] - center)[::-1])))
-        if len(taken) >= count:
-            return

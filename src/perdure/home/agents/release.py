@@ -20,7 +20,7 @@ from perdure.home.agents.learned import LaneView, Motion, SkillAgent
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.kinematics import gripper_pose, reach, toward
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, norm
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, RELEASE, TURN
@@ -242,7 +242,7 @@ class Guarded(HandOver):
                 view.outcome = "done"
                 yield follow(view, view.state.gripper_in_base[0], rotation)
                 break
-            if np.linalg.norm(wanted - gripper_pose(TORSO_HEIGHT, view.arm)[0]) > OUT_OF_REACH:
+            if np.linalg.norm(wanted - gripper_pose(ROBOT.torso_height, view.arm)[0]) > OUT_OF_REACH:
                 break
             yield follow(view, wanted, rotation)
         yield from stop(view)
@@ -259,12 +259,12 @@ def follow(view: HandOverView, point: FloatArray, rotation: FloatArray) -> Float
 
     From where the targets would put the gripper: what the arm lags behind is not made up for.
     """
-    return hold_base(view, toward(view.arm, point - gripper_pose(TORSO_HEIGHT, view.arm)[0], rotation=rotation))
+    return hold_base(view, toward(view.arm, point - gripper_pose(ROBOT.torso_height, view.arm)[0], rotation=rotation))
 
 
 def lag(view: HandOverView) -> float:
     """Return how far the gripper point is above where its servos' targets would put it in [m]."""
-    return float(view.state.gripper_in_base[0, 2] - gripper_pose(TORSO_HEIGHT, view.arm)[0][2])
+    return float(view.state.gripper_in_base[0, 2] - gripper_pose(ROBOT.torso_height, view.arm)[0][2])
 
 
 _STRATEGIES: dict[str, Callable[[SkillAgent], SkillAgent]] = {

@@ -16,15 +16,9 @@ import numpy as np
 
 from perdure.home.agents.learned import Motion, SkillAgent
 from perdure.home.agents.motions import (
-    CollisionQuery,
-    GripperGoal,
-    ReachPlan,
     View,
-    ahead,
-    around,
     follow,
     move_arm,
-    plan_from,
     reach_for,
     rest_arm,
     settled,
@@ -34,6 +28,7 @@ from perdure.home.agents.motions import (
     unjam,
     unwound,
 )
+from perdure.home.agents.reach_plans import CollisionQuery, GripperGoal, ReachPlan, ahead, around, plan_from
 from perdure.home.sim import occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import get_kind
@@ -54,7 +49,8 @@ SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """Downward angles of the gripper on open surfaces, in [rad]."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
 """The same in a fridge."""
-LIFT, HIGH_LIFT = 0.08, 0.25
+LIFT = 0.08
+HIGH_LIFT = 0.25
 """Heights of the pre-grasp point above the grasp point in [m]."""
 ASIDE = 0.11
 """Distance beside or above an object from which it is grasped when another one is in front of it, in [m]."""
@@ -66,19 +62,32 @@ INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
 """The same in a fridge, where one object may stand in front of another."""
 
 
+PLACE_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8)
+"""Turns of the approach with an object in the hand, in [rad]."""
+
+
 def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatArray, inside: bool) -> list[GripperGoal]:
     """Return poses in which the magic grasp takes the object at a point (3,) and nothing else.
 
     The robot comes from `origin` on the floor, shape (2,). `neighbors` are the middles of other objects, and handles,
     shape (k, 3). Inside a fridge the gripper comes from the front, not from above.
     """
-    gripper_goals, before = [], np.array([0.0, 0.0, 0.0 if inside else LIFT])
-    slopes, turns = (INSIDE_SLOPES, INSIDE_TURNS) if inside else (SLOPES, GRASP_TURNS)
+    slopes = SLOPES
+    turns: tuple[float, ...] = GRASP_TURNS
+    lift = LIFT
+    back = 0.0
+    if inside:
+        slopes = INSIDE_SLOPES
+        turns = INSIDE_TURNS
+        lift = 0.0
+        back = GRASP_BACK
+    before = np.array([0.0, 0.0, lift])
+    gripper_goals = []
     for slope, turn, standoff in product(slopes, turns, STANDOFFS):
         approach = _direction(point, origin, slope, turn)
         spot = point - standoff * approach
         if _is_nearest(spot, standoff, neighbors):
-            gripper_goals.append(GripperGoal(spot, approach, False, before, GRASP_BACK if inside else 0.0))
+            gripper_goals.append(GripperGoal(spot, approach, False, before, back))
     return gripper_goals
 
 
@@ -105,7 +114,7 @@ def handle_gripper_goals(point: FloatArray, origin: FloatArray, sides: Sequence[
 
     The gripper waits in one of the directions `sides` from the handle, each of length 1 and shape (3,).
     """
-    slopes = np.radians(20.0), np.radians(50.0), np.radians(0.0)
+    slopes = (np.radians(20.0), np.radians(50.0), np.radians(0.0))
     return [
         GripperGoal(point + 0.09 * side, _direction(point, origin, slope, turn), False, 0.05 * side)
         for side, slope, turn in product(sides, slopes, GRASP_TURNS)
@@ -117,13 +126,17 @@ def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, in
 
     The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is in a fridge.
     """
-    up, turns = np.array([0.0, 0.0, 1.0]), (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8)
-    backs, extra, lifts = (
-        ((GRASP_BACK, 0.6), (0.0, 0.03), (0.02,)) if inside else ((0.0, GRASP_BACK), (0.0,), (LIFT, HIGH_LIFT))
-    )
+    backs: tuple[float, ...] = (0.0, GRASP_BACK)
+    higher: tuple[float, ...] = (0.0,)
+    lifts: tuple[float, ...] = (LIFT, HIGH_LIFT)
+    if inside:
+        backs = (GRASP_BACK, 0.6)
+        higher = (0.0, 0.03)
+        lifts = (0.02,)
+    up = np.array([0.0, 0.0, 1.0])
     return [
         GripperGoal(point + (height + more) * up, _direction(point, origin, 0.0, turn), True, lift * up, back)
-        for turn, back, more, lift in product(turns, backs, extra, lifts)
+        for turn, back, more, lift in product(PLACE_TURNS, backs, higher, lifts)
     ]
 
 
@@ -155,7 +168,8 @@ def pick(view: View) -> Motion:
 
 def _can_grasp(view: View, target: int) -> bool:
     """Return whether a grasp now would take the target."""
-    simulator, gripper = view.simulator, view.state.gripper[0]
+    simulator = view.simulator
+    gripper = view.state.gripper[0]
     distance = np.linalg.norm(simulator.middles - gripper, axis=1)
     handle_near = np.linalg.norm(simulator.handles - gripper, axis=1).min() <= GRASP_RADIUS + GRASP_MARGIN
     return bool(distance.argmin() == target and distance[target] < GRASP_RADIUS - GRASP_MARGIN and not handle_near)
@@ -171,7 +185,9 @@ def plan_pick(
     inside = query.in_fridge(point)
     origin = np.array([base.x, base.y])
     gripper_goals = pick_gripper_goals(point, origin, neighbors, inside)
-    firm = -1 if inside else target  # in a fridge there is but one way in, and the target may give way a little
+    firm = target
+    if inside:
+        firm = -1  # in a fridge there is but one way in, and the target may give way a little
     return plan_from(query, base, gripper_goals, point, stands, firm, lambda: goals_aside(point, origin, neighbors))
 
 
@@ -195,7 +211,9 @@ def approach(view: View, plan: ReachPlan, until: Callable[[], bool] = lambda: Fa
 
 def _clear_on_the_way(view: View, plan: ReachPlan) -> bool:
     """Return whether the arm may already move while the base drives."""
-    query, now, end = CollisionQuery(view.simulator), view.base, plan.entry
+    query = CollisionQuery(view.simulator)
+    now = view.base
+    end = plan.entry
     for share in (0.0, 0.5):
         stand = Pose(now.x + share * (end.x - now.x), now.y + share * (end.y - now.y), end.yaw)
         if query.path_depth(stand, view.arm, unwound(plan.poses[0], view.arm), points=4) > 0.0:
@@ -219,7 +237,8 @@ def _along(view: View, stand: Pose) -> float:
 
 SPEED = 0.40
 """Of the handle in [m/s]."""
-NEAREST, FARTHEST = 0.62, 0.85
+NEAREST = 0.62
+FARTHEST = 0.85
 """Distances along the floor between which the base keeps the gripper in [m]."""
 HANDLE_BACK = 0.15
 """Distance the robot backs off from a released handle, in [m]."""
@@ -254,7 +273,8 @@ def _near(view: View) -> bool:
 
 def plan_handle(query: CollisionQuery, link: int, base: Pose, stands: list[Pose] | None = None) -> ReachPlan | None:
     """Return where to stand and how to reach a handle."""
-    point, origin = query.simulator.handles[link], np.array([base.x, base.y])
+    point = query.simulator.handles[link]
+    origin = np.array([base.x, base.y])
     gripper_goals = handle_gripper_goals(point, origin, _sides(query, link, point, origin))
     return plan_from(query, base, gripper_goals, point, stands)
 
@@ -282,16 +302,27 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
         now = float(view.state.link_position[0])
         if abs(goal - now) <= enough:
             break
+
         # The wanted place waits for the handle when it falls behind by more than a hand's breadth.
         if abs(wanted - now) * lever < 0.08:
             wanted += direction * min(SPEED / CONTROL_HZ / lever, abs(goal - wanted))
+
+        # The base drives as fast as the handle, and keeps it within reach.
         ahead_of_it = handles.at(wanted + 0.02 * direction)[link] - handles.at(wanted)[link]
         along = view.base.to_local(ahead_of_it + np.array([view.base.x, view.base.y, 0.0]))
         local = view.base.to_local(handles.at(wanted)[link])
-        far, bearing = float(np.hypot(local[0], local[1])), float(np.arctan2(local[1], local[0]))
+        far = float(np.hypot(local[0], local[1]))
+        bearing = float(np.arctan2(local[1], local[0]))
         forward = SPEED * along[0] / max(float(np.linalg.norm(along)), 1e-9)
-        forward += 3.0 * (far - FARTHEST) if far > FARTHEST else 3.0 * (far - NEAREST) if far < NEAREST else 0.0
-        turn = float(np.clip(bearing, -0.3, 0.3)) if abs(bearing) > 0.6 else 0.0
+        if far > FARTHEST:
+            forward += 3.0 * (far - FARTHEST)
+        elif far < NEAREST:
+            forward += 3.0 * (far - NEAREST)
+        turn = 0.0
+        if abs(bearing) > 0.6:
+            turn = float(np.clip(bearing, -0.3, 0.3))
+
+        # The arm makes up for the rest.
         arm = reach_for(view, handles.at(wanted)[link], 0.7, tool)
         yield view.action(float(np.clip(forward, -0.7, 0.7)), turn, arm)
 
@@ -329,9 +360,13 @@ def plan_place(
 ) -> ReachPlan | None:
     """Return where to stand and how to bring the held object to its goal."""
     held = query.simulator.held
-    half = get_kind(query.simulator.scene.placements[held].kind).half[2] if held >= 0 else PALM
-    origin, height = np.array([base.x, base.y]), max(HEIGHT, PALM - half)
-    return plan_from(query, base, place_gripper_goals(goal, origin, height, query.in_fridge(goal)), goal, stands)
+    half = PALM
+    if held >= 0:
+        half = get_kind(query.simulator.scene.placements[held].kind).half[2]
+    height = max(HEIGHT, PALM - half)
+    origin = np.array([base.x, base.y])
+    gripper_goals = place_gripper_goals(goal, origin, height, query.in_fridge(goal))
+    return plan_from(query, base, gripper_goals, goal, stands)
 
 
 BEST_DISTANCE = {
@@ -343,8 +378,10 @@ BEST_DISTANCE = {
     "close_fridge": 0.9,
 }
 """Best distance from the aim for each skill, along the floor in [m]."""
-ARM_LOW, ARM_REACH = 0.7, 0.75
-"""Height below which furniture cannot touch the resting arm, and reach of the arm with a held object, in [m]."""
+RESTING_ARM_HEIGHT = 0.7
+"""Height in [m] below which furniture cannot touch the resting arm."""
+ARM_REACH = 0.75
+"""Reach of the resting arm with a held object in [m]."""
 CLOSENESS = 0.06
 """Meters of distance per unit of `arm_cost` in the choice of a standing place."""
 STAND_DISTANCE = 0.3
@@ -358,15 +395,18 @@ STEPS_AHEAD = (0.0, 0.15, 0.3, 0.45)
 def navigate(view: View) -> Motion:
     """Drive to a place from which the next skill works."""
     skill_goal = view.world.skill_goal(view.number)
-    route, toward = skill_goal.route, skill_goal.toward
+    route = skill_goal.route
     assert route is not None
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
     cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
-    stands = list(around(route.space, goals, aim, BEST_DISTANCE[toward], MOST_STANDS, CLOSENESS * (cost - 1.0)))
+    best = BEST_DISTANCE[skill_goal.toward]
+    stands = list(around(route.space, goals, aim, best, MOST_STANDS, CLOSENESS * (cost - 1.0)))
     while stands:
         plan = _plan(view, skill_goal, stands)
-        stand = stands[0] if plan is None else plan.base
+        stand = stands[0]
+        if plan is not None:
+            stand = plan.base
         cell, _ = route.space.nearest(np.array([[stand.x, stand.y]]))
         way = route.space.distances(cell, cost).path(np.array([view.base.x, view.base.y]))
         yield from follow(view, np.concatenate([way, [[stand.x, stand.y]]]))
@@ -384,7 +424,7 @@ def _apart(one: Pose, other: Pose) -> float:
 def arm_cost(apartment: Apartment, opened: tuple[tuple[str, float], ...]) -> FloatArray:
     """Return the cost of a meter at each free cell: higher where the resting arm may touch tall furniture."""
     space = free_space(apartment, dict(opened))
-    tall = apartment_footprints(apartment, dict(opened), low=ARM_LOW)
+    tall = apartment_footprints(apartment, dict(opened), low=RESTING_ARM_HEIGHT)
     near = occupancy.clearance(space.centers, tall)
     return 1.0 + 5.0 * np.clip((ARM_REACH - near) / (ARM_REACH - 0.3), 0.0, 1.0)
 
@@ -433,7 +473,7 @@ class Oracle(SkillAgent):
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
         view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
-        self._running[lane] = view, MOTIONS[skill.name](view)
+        self._running[lane] = (view, MOTIONS[skill.name](view))
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
@@ -443,8 +483,10 @@ class Oracle(SkillAgent):
         for row, lane in enumerate(lanes.tolist()):
             view, motion = self._running[lane]
             view.state = state[row : row + 1]
-            if (action := next(motion, None)) is None:
-                actions[row, STOP] = float(skill.name == "navigate")
-            else:
-                actions[row], actions[row, STOP] = action, -1.0  # it knows better than the map where to stop
+            action = next(motion, None)
+            if action is not None:
+                actions[row] = action
+                actions[row, STOP] = -1.0  # it knows better than the map where to stop
+            elif skill.name == "navigate":
+                actions[row, STOP] = 1.0
         return actions

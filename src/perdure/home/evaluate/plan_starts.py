@@ -11,7 +11,7 @@ import numpy as np
 from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
 from perdure.home.evaluate.policies import make_agents, shipped_seeds
 from perdure.home.evaluate.protocol import EvaluationProtocol
-from perdure.home.sim.simulator import ARM_FROM, ARM_TO
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.starts import TOUCH, PlanStart, open_links, plan_starts_file, touching, train_pool
 from perdure.home.tasks.planners import needed_skills
@@ -50,10 +50,11 @@ def found_states(world: VectorSimulator, running: Mapping[int, Running]) -> list
         held = step.target if "place" in what else -1
         if each.recorder.diverged or (simulator.held, simulator.held_link) != (held, -1):
             continue
-        x, y, yaw, *robot = np.round(simulator.robot, 4).tolist()
+        robot = np.round(simulator.robot, 4).tolist()
+        x, y, yaw = robot[:3]
         opened = {**dict.fromkeys(each.episode.opened, 0.0), **open_links(simulator)}
         a, b, c, w, i, j, k = np.round(simulator.object(step.target)[0], 5).tolist()
-        base, arm, pose = (x, y, yaw), tuple(robot[ARM_FROM - 3 : ARM_TO - 3]), ((a, b, c), (w, i, j, k))
+        base, arm, pose = (x, y, yaw), tuple(robot[ROBOT.arm_columns]), ((a, b, c), (w, i, j, k))
         seen = believed.receptacle, believed.position
         others = [] if step.scripted else each.stood[step.toward or step.skill, step.target]
         stood = tuple((float(x), float(y)) for x, y in others)

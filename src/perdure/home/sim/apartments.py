@@ -120,7 +120,8 @@ def draw_apartments(macro: int, micro: int, seed: int) -> Iterator[Apartment]:
     for name, number, count in (("macro layout", macro, len(LAYOUTS)), ("micro variation", micro, micros)):
         if not 0 <= number < count:
             raise PerdureError(f"{name} must be one of 0 to {count - 1}, not {number}")
-    layout, rng = LAYOUTS[macro], np.random.Generator(np.random.PCG64([seed, macro, micro]))
+    layout = LAYOUTS[macro]
+    rng = np.random.Generator(np.random.PCG64([seed, macro, micro]))
     walls = room_walls(layout.room, layout.partitions)
     return (Apartment(macro, micro, seed, layout.room, walls, _draw_pieces(layout, rng)) for _ in itertools.count())
 
@@ -166,7 +167,8 @@ def _crowded(apartment: Apartment) -> str | None:
     bodies = (*apartment.walls, *apartment.pieces)
     shapes, owner = _stacked(bodies, low=-1.0, high=10.0)
     wall = np.array([body.kind == "wall" for body in bodies])[owner]
-    one_wall, both_walls = wall[:, None] | wall[None, :], wall[:, None] & wall[None, :]
+    one_wall = wall[:, None] | wall[None, :]
+    both_walls = wall[:, None] & wall[None, :]
     close = np.where(one_wall, occupancy.overlap(shapes, shapes), occupancy.overlap(shapes, shapes, GAP))
     pairs = np.argwhere(close & ~both_walls & (owner[:, None] != owner[None, :]))
     if len(pairs) == 0:
@@ -203,7 +205,8 @@ def _stacked(bodies: Sequence[Piece], low: float = CLIMB, high: float = REACH_UP
 
 
 def _zone_rectangle(piece: Piece, zone: Zone) -> FloatArray:
-    low, high = np.array(zone.low), np.array(zone.high)
+    low = np.array(zone.low)
+    high = np.array(zone.high)
     return np.array([[*piece.pose.to_room(0.5 * (low + high)), *(0.5 * (high - low)), piece.pose.yaw]])
 
 
@@ -231,9 +234,11 @@ def build_apartment(apartment: Apartment, *, visuals: bool = True) -> mujoco.MjS
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(_DATA / ("room_lit.xml" if visuals else "room.xml")))
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    low = np.min(apartment.room, axis=0)
+    high = np.max(apartment.room, axis=0)
     floor = spec.geom("floor")
-    floor.pos[:2], floor.size[:2] = 0.5 * (low + high), 0.5 * (high - low) + 0.1
+    floor.pos[:2] = 0.5 * (low + high)
+    floor.size[:2] = 0.5 * (high - low) + 0.1
     if visuals:
         spec.light("sun").pos[:2] = np.mean(apartment.room, axis=0)
     for piece in (*apartment.walls, *apartment.pieces):
@@ -256,16 +261,22 @@ def _add_piece(spec: Any, piece: Piece, visuals: bool) -> None:
 def _add_solid(body: Any, name: str, solid: Solid, visuals: bool, group: int, conaffinity: int) -> None:
     if solid.role == "look" and not visuals:
         return
-    collides = solid.role != "look"
+    size = solid.half
+    if solid.shape == "cylinder":
+        size = (solid.half[0], solid.half[2], 0.0)  # radius and half height
+    contype = ROBOT_BIT
+    if solid.role == "look":
+        contype = 0
+        conaffinity = 0
     body.add_geom(
         name=name,
         type=geom_type(solid.shape),
         pos=solid.center,
-        size=(solid.half[0], solid.half[2], 0.0) if solid.shape == "cylinder" else solid.half,
+        size=size,
         rgba=COLORS[solid.color],
         group=group,
-        contype=ROBOT_BIT if collides else 0,
-        conaffinity=conaffinity if collides else 0,
+        contype=contype,
+        conaffinity=conaffinity,
         friction=FRICTION,
         mass=0.0,
     )
@@ -276,14 +287,17 @@ def _add_articulation(spec: Any, parent: Any, piece: Piece, moving: Articulation
 
     body = parent.add_body(name=moving.link, pos=moving.origin)
     center, inertia = _box_inertia(moving)
-    body.mass, body.ipos, body.inertia, body.explicitinertial = moving.mass, center, inertia, True
-    hinge = moving.kind == "hinge"
+    body.mass = moving.mass
+    body.ipos = center
+    body.inertia = inertia
+    body.explicitinertial = True
+    kind = mujoco.mjtJoint.mjJNT_SLIDE
+    limit: Any = moving.limit
+    if moving.kind == "hinge":
+        kind = mujoco.mjtJoint.mjJNT_HINGE
+        limit = np.degrees(moving.limit)
     joint = body.add_joint(
-        name=moving.joint,
-        type=mujoco.mjtJoint.mjJNT_HINGE if hinge else mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=moving.axis,
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        range=np.degrees(moving.limit) if hinge else moving.limit,
+        name=moving.joint, type=kind, axis=moving.axis, limited=mujoco.mjtLimited.mjLIMITED_TRUE, range=limit
     )
     vector = np.ndim(joint.damping) > 0  # since MuJoCo 3.7
     joint.damping = [moving.damping, 0.0, 0.0] if vector else moving.damping

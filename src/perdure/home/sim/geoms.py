@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-COLLIDES_AND_SEEN, WALL, ONLY_SEEN, ONLY_COLLIDES, HIDDEN = range(5)
+COLLIDES_AND_SEEN = 0
+WALL = 1
+ONLY_SEEN = 2
+ONLY_COLLIDES = 3
+HIDDEN = 4
 """Geom groups. A wall collides and is seen, too; hidden are handles and the robot's bumper."""
-ROBOT_BIT, HAND_BIT, BUMPER_BIT, OBJECT_BIT = 1, 2, 4, 8
+ROBOT_BIT = 1
+HAND_BIT = 2
+BUMPER_BIT = 4
+OBJECT_BIT = 8
 """Collision bits: robot against room; hand against the robot's body; base bumper against furniture; object against
 object, also while the objects ignore the robot."""
 FRICTION = (0.2, 0.005, 0.0001)

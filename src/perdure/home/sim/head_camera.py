@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
 from perdure.film import open_context
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.simulator import Simulator
 
 DepthImage = NDArray[np.float32]
@@ -31,7 +32,7 @@ DRAWN_GROUPS = (1, 1, 0, 1, 0, 0)
 class HeadCamera:
     """Takes depth images of lanes, of any number of scenes. Use it in the thread that made it.
 
-    The camera is `head` of the model: with the torso at 0.15 m it looks from (0.17, 0, 1.2) to (0.75, 0, 1.0) in the
+    The camera is `ROBOT.head_camera`: with the torso at 0.15 m it looks from (0.17, 0, 1.2) to (0.75, 0, 1.0) in the
     base frame, 19 degrees down, as in M3 (`habitat_extensions/robots/fetch_robot.py`). That is 8 mm from where Fetch
     Robotics' `fetch.urdf` has `head_camera_link` when the head is tilted so: in torso_lift_link (0.053125, 0, 0.603001)
     + (0.14253, 0, 0.057999) + R_y(0.332) (0.055, 0, 0.0225). It rides on base and torso; the head does not turn. The
@@ -70,7 +71,9 @@ class HeadCamera:
             whatever is farther and for nothing (habitat-sim: 0 for nothing). The upper left pixel comes first.
             Shape (side, side).
         """
-        mujoco, model, data = self._mujoco, simulator.model, simulator.data
+        mujoco = self._mujoco
+        model = simulator.model
+        data = simulator.data
         self._gl.make_current()
         drawing = self._drawing(model)
         self._update_scene(model, data)
@@ -97,20 +100,27 @@ class HeadCamera:
             for flag in ("CULL_FACE", "SEGMENT", "IDCOLOR"):  # no light, no colors: 40 % less time
                 self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = 1
         camera = mujoco.MjvCamera()
-        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera("head").id
+        camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        camera.fixedcamid = model.camera(ROBOT.head_camera).id
         bodies = mujoco.mjtCatBit.mjCAT_STATIC.value | mujoco.mjtCatBit.mjCAT_DYNAMIC.value
         mujoco.mj_camlight(model, data)  # a step leaves cameras where they were before its last physics step
         mujoco.mjv_updateScene(model, data, self._options, None, camera, bodies, self._scene)
         for eye in self._scene.camera:  # the model's own planes depend on the apartment's size
-            eye.frustum_near, eye.frustum_far, eye.frustum_top, eye.frustum_bottom = NEAR, FAR, NEAR, -NEAR
+            eye.frustum_near = NEAR
+            eye.frustum_far = FAR
+            eye.frustum_top = NEAR
+            eye.frustum_bottom = -NEAR
 
     def _drawing(self, model: Any) -> Any:
         """Return MuJoCo's drawing context of a model. It depends on the meshes only, and only the bowl is one."""
         meshes = model.mesh_vert.tobytes() + model.mesh_face.tobytes()
         if meshes not in self._drawings:
-            mujoco, plain = self._mujoco, copy(model)
-            plain.vis.global_.offwidth = plain.vis.global_.offheight = self.side
-            plain.vis.quality.offsamples = plain.vis.quality.shadowsize = 0
+            mujoco = self._mujoco
+            plain = copy(model)
+            plain.vis.global_.offwidth = self.side
+            plain.vis.global_.offheight = self.side
+            plain.vis.quality.offsamples = 0
+            plain.vis.quality.shadowsize = 0
             plain.vis.quality.numquads = 1
             drawing = mujoco.MjrContext(plain, mujoco.mjtFontScale.mjFONTSCALE_50.value)
             drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR

@@ -1,6 +1,6 @@
 """Where the gripper is, from joint angles alone: exact, without a simulator, for many robots at once.
 
-Base frame: x forward, y left, z up, the origin on the floor under `base_link`. The chain is the URDF's: each joint's
+Base frame: x forward, y left, z up, the origin on the floor under the base. The chain is the URDF's: each joint's
 frame is displaced by a constant and then turned about one of its own axes, so a turn only mixes two columns of the
 rotation matrix.
 
@@ -22,11 +22,13 @@ from numpy.typing import ArrayLike
 
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.robot import ARM, ARM_HIGH, ARM_LOW, GRIPPER_ORIGIN, GRIPPER_POINT, TORSO, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 
-_AXES = tuple(joint.axis.index(1.0) for joint in ARM)
-_OFFSETS = np.array([joint.origin for joint in ARM])
-_LAST = np.array(GRIPPER_ORIGIN) + np.array(GRIPPER_POINT)
+_JOINTS = len(ROBOT.arm)
+_AXES = tuple(joint.axis.index(1.0) for joint in ROBOT.arm)
+"""The axis of each joint: 0 for x, 1 for y, 2 for z of its own frame."""
+_OFFSETS = np.array([joint.origin for joint in ROBOT.arm])
+_GRIPPER_POINT = np.array(ROBOT.gripper_point)
 
 
 def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -34,11 +36,11 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
 
     Args:
         torso: Height of the torso in [m]. Shape (...) or one number for all.
-        arm: Joint angles in [rad]. Shape (..., 7).
+        arm: Joint angles in [rad]. Shape (..., joints).
 
     Returns:
         Position in [m], shape (..., 3), and rotation, shape (..., 3, 3), whose columns are the gripper's axes (x is
-        where the fingers point). Equal to the model's site `gripper` seen from body `robot`.
+        where the fingers point). Equal to the model's gripper site seen from the base.
     """
     return _chain(torso, arm)[:2]
 
@@ -46,58 +48,73 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
 def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the results of `gripper_pose`, and the Jacobian: rows are velocity in [m/rad], then angular velocity.
 
-    The geometric Jacobian in the base frame, shape (..., 6, 7): column i is (a_i x (p - o_i), a_i) with the joint's
-    axis a_i and origin o_i (Siciliano et al., *Robotics*, 2009, section 3.1.3).
+    The geometric Jacobian in the base frame, shape (..., 6, joints): column i is (a_i x (p - o_i), a_i) with the
+    joint's axis a_i and origin o_i (Siciliano et al., *Robotics*, 2009, section 3.1.3).
     """
     position, rotation, origins, axes = _chain(torso, arm)
     away = position[..., None, :] - origins
-    columns = np.empty((*position.shape[:-1], 6, 7))
-    for row, (first, second) in enumerate(((1, 2), (2, 0), (0, 1))):
+    columns = np.empty((*position.shape[:-1], 6, _JOINTS))
+    # The cross product, row by row: each one needs the two other coordinates.
+    for row in range(3):
+        first = (row + 1) % 3
+        second = (row + 2) % 3
         columns[..., row, :] = axes[..., first] * away[..., second] - axes[..., second] * away[..., first]
         columns[..., 3 + row, :] = axes[..., row]
     return position, rotation, columns
 
 
 def _chain(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return position and rotation of the gripper, origins and axes of the joints (both (..., 7, 3))."""
+    """Return position and rotation of the gripper, origins and axes of the joints (both (..., joints, 3))."""
     angles = np.asarray(arm, dtype=np.float64)
-    if angles.shape[-1:] != (7,):
-        raise PerdureError(f"arm angles must have shape (..., 7), got {angles.shape}")
+    if angles.shape[-1:] != (_JOINTS,):
+        raise PerdureError(f"arm angles must have shape (..., {_JOINTS}), got {angles.shape}")
     batch = np.broadcast_shapes(angles.shape[:-1], np.shape(torso))
-    position = np.broadcast_to(np.array(TORSO.origin), (*batch, 3)).copy()
+    position = np.broadcast_to(np.array(ROBOT.torso.origin), (*batch, 3)).copy()
     position[..., 2] += np.asarray(torso, dtype=np.float64)
     rotation = np.broadcast_to(np.eye(3), (*batch, 3, 3)).copy()
-    cos, sin = np.cos(angles), np.sin(angles)
-    origins, axes = np.empty((*batch, 7, 3)), np.empty((*batch, 7, 3))
+    cos = np.cos(angles)
+    sin = np.sin(angles)
+    origins = np.empty((*batch, _JOINTS, 3))
+    axes = np.empty((*batch, _JOINTS, 3))
     for i, axis in enumerate(_AXES):
         position += rotation @ _OFFSETS[i]
-        origins[..., i, :], axes[..., i, :] = position, rotation[..., :, axis]
+        origins[..., i, :] = position
+        axes[..., i, :] = rotation[..., :, axis]
         _turn(rotation, axis, cos[..., i, None], sin[..., i, None])
-    return position + rotation @ _LAST, rotation, origins, axes
+    return position + rotation @ _GRIPPER_POINT, rotation, origins, axes
 
 
 def _turn(rotation: FloatArray, axis: int, cos: FloatArray, sin: FloatArray) -> None:
     """Turn frames about one of their own axes, in place."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    u, v = rotation[..., :, first].copy(), rotation[..., :, second].copy()
+    first = (axis + 1) % 3
+    second = (axis + 2) % 3
+    u = rotation[..., :, first].copy()
+    v = rotation[..., :, second].copy()
     rotation[..., :, first] = cos * u + sin * v
     rotation[..., :, second] = cos * v - sin * u
 
 
 LARGEST = 0.025
 """Largest joint step of `toward` in [rad]: the benchmark's largest command."""
-CLOSE_M, CLOSE_RAD = 1e-4, 1e-3
+CLOSE_M = 1e-4
+CLOSE_RAD = 1e-3
 """Errors of `reach` below which a pose counts as reached."""
-TOWARD_DAMPING, REACH_DAMPING, MANY_DAMPING = 0.01, 1e-3, 0.05
+TOWARD_DAMPING = 0.01
+REACH_DAMPING = 1e-3
+MANY_DAMPING = 0.05
 """d of each solver (our choice, as all that follows)."""
 DAMPING_PER_ERROR = 0.03
 """What `reach` adds to d, in squares: this share of the norm of the weighted error (Sugihara, 2011)."""
-TOWARD_TURN, REACH_TURN = 0.3, 0.5
+TOWARD_TURN = 0.3
+REACH_TURN = 0.5
 """Meters that a radian of the gripper weighs as much as."""
-REACH_LARGEST, MANY_LARGEST = 0.4, 0.3
+REACH_LARGEST = 0.4
+MANY_LARGEST = 0.3
 """Largest joint step of one iteration in [rad]."""
-_MANY_LONGEST = 0.15, 0.5
-"""Largest displacement in [m] and turn in [rad] that one iteration of `reach_many` asks for."""
+MANY_LONGEST = 0.15
+"""Largest displacement in [m] that one iteration of `reach_many` asks for."""
+MANY_TURN = 0.5
+"""Largest turn in [rad] that one iteration of `reach_many` asks for."""
 
 
 def toward(
@@ -110,27 +127,30 @@ def toward(
     """Return joint steps that move the gripper point by a small displacement and keep its rotation.
 
     Args:
-        arm: Joint angles in [rad]. Shape (..., 7).
+        arm: Joint angles in [rad]. Shape (..., joints).
         displacement: Wanted motion of the gripper point in the base frame in [m]. Shape (..., 3).
         rotation: Rotation to turn to (or to return to, over many steps); None keeps the present one. Shape (..., 3, 3).
         largest: Largest joint step in [rad]. A longer step is shortened as a whole; its direction is kept.
 
     Returns:
-        Steps in [rad] to add to `arm`; the sum keeps the limits if `arm` does. Shape (..., 7).
+        Steps in [rad] to add to `arm`; the sum keeps the limits if `arm` does. Shape (..., joints).
 
     Raises:
         PerdureError: When `arm` or `displacement` has a wrong shape or `largest` is not positive.
     """
-    angles, move = np.asarray(arm, dtype=np.float64), np.asarray(displacement, dtype=np.float64)
+    angles = np.asarray(arm, dtype=np.float64)
+    move = np.asarray(displacement, dtype=np.float64)
     if move.shape[-1:] != (3,):
         raise PerdureError(f"displacement must have shape (..., 3), got {move.shape}")
     if not largest > 0.0:
         raise PerdureError(f"largest must be positive, got {largest}")
-    _, now, matrix = pose_and_jacobian(TORSO_HEIGHT, angles)
-    turn = np.zeros(3) if rotation is None else rotation_vector(now, rotation)
+    _, now, matrix = pose_and_jacobian(ROBOT.torso_height, angles)
+    turn = np.zeros(3)
+    if rotation is not None:
+        turn = rotation_vector(now, rotation)
     batch = np.broadcast_shapes(matrix.shape[:-2], move.shape[:-1], turn.shape[:-1])
     motion = np.concatenate([np.broadcast_to(move, (*batch, 3)), np.broadcast_to(turn, (*batch, 3))], axis=-1)
-    step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, 7)), TOWARD_TURN, TOWARD_DAMPING)
+    step = _step_within_limits(matrix, motion, np.broadcast_to(angles, (*batch, _JOINTS)), TOWARD_TURN, TOWARD_DAMPING)
     return _shorten(step, np.max(np.abs(step), axis=-1, keepdims=True), largest)
 
 
@@ -143,19 +163,22 @@ def reach_many(
         points: Wanted gripper points in the base frame in [m]. Shape (n, 3).
         approach: Wanted directions of the gripper's x axis, of length 1. Shape (n, 3).
         upright: Whether the gripper's z axis must point up; else the roll about x is free.
-        start: Where the search starts. Shape (n, 7) or (7,).
+        start: Where the search starts. Shape (n, joints) or (joints,).
         iterations: Number of steps.
 
     Returns:
-        Joint angles (n, 7), remaining distance in [m] (n,) and remaining turn in [rad] (n,).
+        Joint angles (n, joints), remaining distance in [m] (n,) and remaining turn in [rad] (n,).
     """
-    arm = np.broadcast_to(start, (len(points), 7)).copy()
+    arm = np.broadcast_to(start, (len(points), _JOINTS)).copy()
     wanted = _upright(approach) if upright else None
     for _ in range(iterations):
         way, turn, matrix = _error(points, wanted, approach, arm)
-        way, turn = (_shorten(each, _length(each), most) for each, most in zip((way, turn), _MANY_LONGEST, strict=True))
+        way = _shorten(way, _length(way), MANY_LONGEST)
+        turn = _shorten(turn, _length(turn), MANY_TURN)
         step = damped_step(matrix, np.concatenate([way, turn], axis=1), MANY_DAMPING)
-        arm = np.clip(arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), MANY_LARGEST), ARM_LOW, ARM_HIGH)
+        arm = np.clip(
+            arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), MANY_LARGEST), ROBOT.arm_low, ROBOT.arm_high
+        )
     way, turn, _ = _error(points, wanted, approach, arm)
     return arm, np.linalg.norm(way, axis=1), np.linalg.norm(turn, axis=1)
 
@@ -166,18 +189,20 @@ def reach(position: FloatArray, rotation: FloatArray, start: FloatArray) -> tupl
     Args:
         position: Wanted gripper point in the base frame in [m]. Shape (3,).
         rotation: Wanted rotation of the gripper. Shape (3, 3).
-        start: Joint angles where the search starts in [rad]. Shape (7,).
+        start: Joint angles where the search starts in [rad]. Shape (joints,).
 
     Returns:
-        Joint angles (7,), remaining distance in [m] and remaining turn in [rad].
+        Joint angles (joints,), remaining distance in [m] and remaining turn in [rad].
     """
-    arm = np.clip(start, ARM_LOW, ARM_HIGH)[None]
-    best, errors = arm, np.full(2, np.inf)
+    arm = np.clip(start, ROBOT.arm_low, ROBOT.arm_high)[None]
+    best = arm
+    errors = np.full(2, np.inf)
     for _ in range(61):
         way, turn, matrix = _error(position, rotation, rotation[:, 0], arm)
         now = np.concatenate([_length(way), _length(turn)], axis=1)[0]
         if now @ (1.0, REACH_TURN) < errors @ (1.0, REACH_TURN):
-            best, errors = arm, now
+            best = arm
+            errors = now
         if (errors <= (0.1 * CLOSE_M, 0.1 * CLOSE_RAD)).all():
             break
         motion = np.concatenate([way, turn], axis=1)
@@ -200,7 +225,9 @@ def damped_step(
     Returns:
         Shape (..., n).
     """
-    used = matrix if free is None else matrix * free[..., None, :]
+    used = matrix
+    if free is not None:
+        used = matrix * free[..., None, :]
     square = used @ np.swapaxes(matrix, -1, -2) + np.asarray(damping**2)[..., None, None] * np.eye(matrix.shape[-2])
     return (np.swapaxes(used, -1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
 
@@ -228,13 +255,15 @@ def _step_within_limits(
 ) -> FloatArray:
     """Return the step that makes the motion as well as the limits allow; free joints make up for joints at a limit."""
     weights = np.array([1.0] * 3 + [turn_weight] * 3)
-    matrix, motion = weights[:, None] * matrix, weights * motion
+    matrix = weights[:, None] * matrix
+    motion = weights * motion
     damping = np.hypot(least, per_error * np.linalg.norm(motion, axis=-1))
-    step, free = np.zeros_like(angles), np.ones_like(angles)
+    step = np.zeros_like(angles)
+    free = np.ones_like(angles)
     for _ in range(4):  # at most three joints reach their limits in one step, as a rule; the last clip is always made
         rest = motion - (matrix @ (step * (1.0 - free))[..., None])[..., 0]
         wanted = np.where(free > 0.0, damped_step(matrix, rest, damping, free), step)
-        step = np.clip(angles + wanted, ARM_LOW, ARM_HIGH) - angles
+        step = np.clip(angles + wanted, ROBOT.arm_low, ROBOT.arm_high) - angles
         crossed = np.abs(step - wanted) > 1e-12
         if not np.any(crossed):
             break
@@ -245,11 +274,11 @@ def _step_within_limits(
 def _error(
     place: FloatArray, rotation: FloatArray | None, approach: FloatArray, arm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacement (n, 3), turn (n, 3) and Jacobian (n, 6, 7) to a pose.
+    """Return displacement (n, 3), turn (n, 3) and Jacobian (n, 6, joints) to a pose.
 
     Without a rotation the gripper's x axis turns to `approach`, and rolling about it is free.
     """
-    position, now, matrix = pose_and_jacobian(TORSO_HEIGHT, arm)
+    position, now, matrix = pose_and_jacobian(ROBOT.torso_height, arm)
     way = place - position
     if rotation is not None:
         return way, rotation_vector(now, rotation), matrix

@@ -56,7 +56,7 @@ class Part(Record, frozen=True):
     """Whether the object rolls on it."""
 
 
-class Kind(Record, frozen=True):
+class ObjectKind(Record, frozen=True):
     """One object of the YCB set."""
 
     size: Vec3
@@ -90,11 +90,12 @@ class Kind(Record, frozen=True):
         return x / 2.0, y / 2.0, z / 2.0
 
 
-KINDS: dict[str, Kind] = read_json((Path(__file__).parents[1] / "data" / "objects.json").read_bytes(), dict[str, Kind])
+_DATA = Path(__file__).parents[1] / "data" / "objects.json"
+KINDS: dict[str, ObjectKind] = read_json(_DATA.read_bytes(), dict[str, ObjectKind])
 """The ten kinds by their YCB name, number first."""
 
 
-def get_kind(name: str) -> Kind:
+def get_kind(name: str) -> ObjectKind:
     """Return a kind by its YCB name; PerdureError when there is none of that name."""
     return lookup(KINDS, name, "object")
 
@@ -102,7 +103,9 @@ def get_kind(name: str) -> Kind:
 def short_name(kind: str) -> str:
     """Return a YCB name without its number: `005_tomato_soup_can` is "tomato soup can"."""
     number, _, words = kind.partition("_")
-    return (words if number.isdigit() and words else kind).replace("_", " ")
+    if number.isdigit() and words:
+        return words.replace("_", " ")
+    return kind.replace("_", " ")
 
 
 @dataclass(frozen=True)
@@ -138,13 +141,23 @@ def add_object(
     kind = get_kind(placement.kind)
     body = spec.worldbody.add_body(name=name, pos=placement.position, quat=placement.quaternion)
     body.add_freejoint(name=f"{name}/free")
-    body.mass, body.inertia, body.explicitinertial = kind.mass, kind.moments, True
-    body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)  # unset, MuJoCo takes the body's own pose
-    hull = (Part("mesh", mesh=f"{placement.kind}/hull", rolls=True),)
-    parts = hull if kind.shape == "sphere" and apple == "hull" else kind.parts
-    bits = ROBOT_BIT | OBJECT_BIT
-    group = ONLY_COLLIDES if visuals and kind.shape != "box" else COLLIDES_AND_SEEN
-    for number, part in enumerate((*parts, *(kind.visuals if visuals else ()))):
+    body.mass = kind.mass
+    body.inertia = kind.moments
+    body.explicitinertial = True
+    # Unset, these two would be the body's own pose.
+    body.ipos = (0.0, 0.0, 0.0)
+    body.iquat = (1.0, 0.0, 0.0, 0.0)
+
+    colliding = kind.parts
+    if kind.shape == "sphere" and apple == "hull":
+        colliding = (Part("mesh", mesh=f"{placement.kind}/hull", rolls=True),)
+    group = COLLIDES_AND_SEEN
+    if visuals and kind.shape != "box":
+        group = ONLY_COLLIDES  # what is seen has geoms of its own
+    parts = colliding
+    if visuals:
+        parts = (*colliding, *kind.visuals)
+    for number, part in enumerate(parts):
         if part.mesh and spec.mesh(part.mesh) is None:
             spec.add_mesh(name=part.mesh, **_mesh(kind, part.mesh))
         geom = body.add_geom(
@@ -157,11 +170,25 @@ def add_object(
             mass=0.0,
         )
         geom.size[: len(part.size)] = part.size
-        if number >= len(parts):
-            geom.contype, geom.conaffinity, geom.group = 0, 0, ONLY_SEEN
-            continue
-        geom.contype, geom.conaffinity, geom.group = bits, bits, group
-        geom.condim, geom.friction = 6 if part.rolls else 3, (SLIDING, TORSIONAL, ROLLING if part.rolls else 0.0)
+        if number < len(colliding):
+            _make_collide(geom, part.rolls, group)
+        else:
+            geom.contype = 0
+            geom.conaffinity = 0
+            geom.group = ONLY_SEEN
+
+
+def _make_collide(geom: Any, rolls: bool, group: int) -> None:
+    """Let a geom of an object collide with the robot, the furniture and other objects."""
+    geom.contype = ROBOT_BIT | OBJECT_BIT
+    geom.conaffinity = ROBOT_BIT | OBJECT_BIT
+    geom.group = group
+    if rolls:
+        geom.condim = 6
+        geom.friction = (SLIDING, TORSIONAL, ROLLING)
+    else:
+        geom.condim = 3
+        geom.friction = (SLIDING, TORSIONAL, 0.0)
 
 
 HULL_CORNERS = 2000
@@ -169,7 +196,7 @@ HULL_CORNERS = 2000
 lack)."""
 
 
-def _mesh(kind: Kind, name: str) -> dict[str, Any]:
+def _mesh(kind: ObjectKind, name: str) -> dict[str, Any]:
     """Return the arguments of `MjSpec.add_mesh` for one of a kind's meshes."""
     import mujoco
 
@@ -177,8 +204,9 @@ def _mesh(kind: Kind, name: str) -> dict[str, Any]:
         corners, faces = turned(np.array(kind.shell))
         shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         return {"uservert": corners.ravel(), "userface": faces.ravel(), "inertia": shell}
-    given = kind.meshes[name] if name in kind.meshes else _ball_corners(kind.half[0])
-    return {"uservert": np.array(given).ravel()}
+    if name in kind.meshes:
+        return {"uservert": np.array(kind.meshes[name]).ravel()}
+    return {"uservert": np.array(_ball_corners(kind.half[0])).ravel()}
 
 
 def _ball_corners(radius: float) -> list[Vec3]:
@@ -187,7 +215,8 @@ def _ball_corners(radius: float) -> list[Vec3]:
     corners = []
     for k in range(HULL_CORNERS):
         height = 1.0 - (2.0 * k + 1.0) / HULL_CORNERS
-        across, angle = math.sqrt(1.0 - height * height), golden_angle * k
+        across = math.sqrt(1.0 - height * height)
+        angle = golden_angle * k
         corners.append((radius * across * math.cos(angle), radius * across * math.sin(angle), radius * height))
     return corners
 
@@ -211,5 +240,6 @@ def turned(profile: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
     first, last = np.full((2, SHELL_CORNERS), [[here.size], [here.size + 1]])
     halves = (here[:-1], after[:-1], after[1:]), (here[:-1], after[1:], here[1:])
     sides = np.stack([np.stack(half, axis=-1) for half in halves], axis=1).reshape(-1, 3)
-    bottom, top = np.stack([after[0], here[0], first], axis=-1), np.stack([here[-1], after[-1], last], axis=-1)
+    bottom = np.stack([after[0], here[0], first], axis=-1)
+    top = np.stack([here[-1], after[-1], last], axis=-1)
     return corners, np.concatenate([bottom, sides, top]).astype(np.int32)

@@ -35,8 +35,10 @@ def clearance(points: FloatArray, rectangles: FloatArray) -> FloatArray:
     """Return distances in [m] of points (m, 2) to the nearest of some rectangles (n, 5), 0 inside one, inf for none."""
     best = np.full(len(points), np.inf)
     for x, y, half_x, half_y, yaw in rectangles:
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        dx, dy = points[:, 0] - x, points[:, 1] - y
+        cos = np.cos(yaw)
+        sin = np.sin(yaw)
+        dx = points[:, 0] - x
+        dy = points[:, 1] - y
         out_x = np.maximum(np.abs(cos * dx + sin * dy) - half_x, 0.0)
         out_y = np.maximum(np.abs(cos * dy - sin * dx) - half_y, 0.0)
         np.minimum(best, out_x * out_x + out_y * out_y, out=best)
@@ -47,7 +49,8 @@ def corners(rectangles: FloatArray) -> FloatArray:
     """Return the four corners of each rectangle, counter-clockwise. Shape (n, 4, 2)."""
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     local = signs[None] * rectangles[:, None, 2:4]
-    cos, sin = np.cos(rectangles[:, 4, None]), np.sin(rectangles[:, 4, None])
+    cos = np.cos(rectangles[:, 4, None])
+    sin = np.sin(rectangles[:, 4, None])
     x = rectangles[:, 0, None] + cos * local[..., 0] - sin * local[..., 1]
     y = rectangles[:, 1, None] + sin * local[..., 0] + cos * local[..., 1]
     return np.stack([x, y], axis=-1)
@@ -60,11 +63,12 @@ def overlap(first: FloatArray, second: FloatArray, margin: float = 0.0) -> BoolA
     corners that is up to sqrt(2) stricter than the distance between the shapes.
     """
     apart = np.zeros((len(first), len(second)), dtype=bool)
-    a, b = corners(first), corners(second)
-    for yaws, own_first in ((first[:, 4], True), (second[:, 4], False)):
-        for quarter in (0.0, np.pi / 2.0):
-            axes = np.stack([np.cos(yaws + quarter), np.sin(yaws + quarter)], axis=-1)
-            pairs = np.broadcast_to(axes[:, None] if own_first else axes, (len(first), len(second), 2))
+    a = corners(first)
+    b = corners(second)
+    for quarter in (0.0, np.pi / 2.0):
+        # A pair is looked at along the sides of its first rectangle, then along those of its second.
+        for axes in (_axes(first, quarter)[:, None], _axes(second, quarter)):
+            pairs = np.broadcast_to(axes, (len(first), len(second), 2))
             shadow_a = np.einsum("ijk,ick->ijc", pairs, a)
             shadow_b = np.einsum("ijk,jck->ijc", pairs, b)
             gap = np.maximum(shadow_b.min(-1) - shadow_a.max(-1), shadow_a.min(-1) - shadow_b.max(-1))
@@ -72,10 +76,16 @@ def overlap(first: FloatArray, second: FloatArray, margin: float = 0.0) -> BoolA
     return ~apart
 
 
+def _axes(rectangles: FloatArray, angle: float) -> FloatArray:
+    """Return the directions at an angle in [rad] to the headings of rectangles. Shape (n, 2)."""
+    return np.stack([np.cos(rectangles[:, 4] + angle), np.sin(rectangles[:, 4] + angle)], axis=-1)
+
+
 def inside(points: FloatArray, polygon: Sequence[tuple[float, float]]) -> BoolArray:
     """Return which points lie inside a simple polygon (even-odd rule). Shape (m,)."""
     result = np.zeros(len(points), dtype=bool)
-    x, y = points[:, 0], points[:, 1]
+    x = points[:, 0]
+    y = points[:, 1]
     for (x0, y0), (x1, y1) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
         if y0 == y1:
             continue
@@ -86,7 +96,8 @@ def inside(points: FloatArray, polygon: Sequence[tuple[float, float]]) -> BoolAr
 
 AJAR = 0.01
 """A drawer that is open by less in [m] does not stand out of its piece."""
-CLIMB, REACH_UP = 0.05, 1.5
+CLIMB = 0.05
+REACH_UP = 1.5
 """A solid is in the way when it reaches between these heights in [m] (M3's navigation mesh: climb 0.05, agent 1.5)."""
 
 
@@ -140,7 +151,9 @@ def _rectangles(pose: Pose, solids: Iterable[Solid], low: float, high: float, li
 
 def _moved(piece: Piece, moving: Articulation, q: float, low: float, high: float) -> FloatArray:
     origin = moving.to_piece(np.zeros(3), q)
-    turn = q * moving.axis[2] if moving.kind == "hinge" else 0.0
+    turn = 0.0
+    if moving.kind == "hinge":
+        turn = q * moving.axis[2]
     x, y = piece.pose.to_room(origin[:2])
     return _rectangles(Pose(float(x), float(y), piece.pose.yaw + turn), moving.solids, low, high, float(origin[2]))
 
@@ -158,8 +171,10 @@ def _without_covered(rectangles: FloatArray) -> FloatArray:
 
 
 def _covers(big: FloatArray, small: FloatArray) -> bool:
-    cos, sin = np.cos(big[4]), np.sin(big[4])
-    dx, dy = small[0] - big[0], small[1] - big[1]
+    cos = np.cos(big[4])
+    sin = np.sin(big[4])
+    dx = small[0] - big[0]
+    dy = small[1] - big[1]
     out_x = abs(cos * dx + sin * dy) + small[2] - big[2]
     out_y = abs(cos * dy - sin * dx) + small[3] - big[3]
     return bool(max(out_x, out_y) <= 1e-9)
@@ -185,13 +200,15 @@ class FreeSpace:
     @staticmethod
     def of(room: Sequence[tuple[float, float]], rectangles: FloatArray) -> FreeSpace:
         """Return the free space of a room with footprints (n, 5) in it, its own walls among them; lengths in [m]."""
-        low, high = np.min(room, axis=0), np.max(room, axis=0)
+        low = np.min(room, axis=0)
+        high = np.max(room, axis=0)
         columns, rows = np.ceil((high - low) / CELL - 1e-9).astype(int)
         points = _centers(low, np.indices((rows, columns)))  # (rows, columns, 2)
         free = inside(points.reshape(-1, 2), room).reshape(rows, columns)
         for rectangle in rectangles:  # each one only looks at the cells around it
             ring = (corners(rectangle[None])[0] - low) / CELL
-            (left, bottom), (right, top) = ring.min(axis=0) - RADIUS / CELL, ring.max(axis=0) + RADIUS / CELL
+            left, bottom = ring.min(axis=0) - RADIUS / CELL
+            right, top = ring.max(axis=0) + RADIUS / CELL
             near = np.s_[max(int(bottom), 0) : max(int(top) + 1, 0), max(int(left), 0) : max(int(right) + 1, 0)]
             local = points[near].reshape(-1, 2)
             free[near] &= (clearance(local, rectangle[None]) >= RADIUS).reshape(free[near].shape)
@@ -234,10 +251,11 @@ class FreeSpace:
     def cell_at(self, x: float, y: float) -> int:
         """Return the index in `centers` of the cell at a point, else of the nearest cell of the largest island."""
         left, bottom, numbers = self._main_grid
-        row, column = int((y - bottom) // CELL), int((x - left) // CELL)
+        row = int((y - bottom) // CELL)
+        column = int((x - left) // CELL)
         on_grid = 0 <= row < numbers.shape[0] and 0 <= column < numbers.shape[1]
-        if on_grid and (found := int(numbers[row, column])) >= 0:
-            return found
+        if on_grid and numbers[row, column] >= 0:
+            return int(numbers[row, column])
         return int(self.nearest(np.array([[x, y]]))[0][0])
 
     def distances(self, goals: IntArray, cost: FloatArray | None = None) -> Geodesic:
@@ -282,7 +300,9 @@ class FreeSpace:
         number = np.full((free.shape[0] + 2, free.shape[1] + 2), -1, dtype=np.int64)  # a border of -1
         number[1:-1, 1:-1][free] = np.arange(int(free.sum()))
         here = np.nonzero(number >= 0)
-        starts, ends, lengths = [], [], []
+        starts = []
+        ends = []
+        lengths = []
         for down, right in _STEPS:
             there = number[here[0] + down, here[1] + right]
             joined = there >= 0
@@ -311,7 +331,8 @@ class Geodesic:
     def ahead(self, x: float, y: float, cells: int) -> tuple[float, float, float]:
         """Return distance from a point, and the middle (x, y) of the cell so many cells on the way."""
         index = self.space.cell_at(x, y)
-        here, later = self.space.centers[index], self.space.centers[self._later(cells)[index]]
+        here = self.space.centers[index]
+        later = self.space.centers[self._later(cells)[index]]
         first = math.hypot(x - here[0], y - here[1])
         return first + float(self.values[index]), float(later[0]), float(later[1])
 

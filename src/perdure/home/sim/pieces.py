@@ -49,18 +49,24 @@ class Pose:
 
     def to_room(self, local: FloatArray) -> FloatArray:
         """Return room coordinates of local points; only x and y are rotated. Shape (..., 2 or 3)."""
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        x, y = local[..., 0], local[..., 1]
+        cos = np.cos(self.yaw)
+        sin = np.sin(self.yaw)
+        x = local[..., 0]
+        y = local[..., 1]
         room = np.array(local, dtype=np.float64)
-        room[..., 0], room[..., 1] = self.x + cos * x - sin * y, self.y + sin * x + cos * y
+        room[..., 0] = self.x + cos * x - sin * y
+        room[..., 1] = self.y + sin * x + cos * y
         return room
 
     def to_local(self, room: FloatArray) -> FloatArray:
         """Return local coordinates of room points: the inverse of `to_room`. Shape (..., 2 or 3)."""
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        x, y = room[..., 0] - self.x, room[..., 1] - self.y
+        cos = np.cos(self.yaw)
+        sin = np.sin(self.yaw)
+        x = room[..., 0] - self.x
+        y = room[..., 1] - self.y
         local = np.array(room, dtype=np.float64)
-        local[..., 0], local[..., 1] = cos * x + sin * y, cos * y - sin * x
+        local[..., 0] = cos * x + sin * y
+        local[..., 1] = cos * y - sin * x
         return local
 
 
@@ -166,7 +172,10 @@ class Apartment:
     @property
     def name(self) -> str:
         """Such as `macro4_micro07`; with another seed than 0 the seed is part of the name."""
-        return f"macro{self.macro}_micro{self.micro:02d}" + (f"_seed{self.seed}" if self.seed else "")
+        name = f"macro{self.macro}_micro{self.micro:02d}"
+        if self.seed == 0:
+            return name
+        return f"{name}_seed{self.seed}"
 
     def __hash__(self) -> int:
         """Of the whole record, computed once: apartments are keys wherever something is kept for them."""
@@ -304,13 +313,20 @@ def room_walls(
         before, start, end, after = (room[(k + shift) % count] for shift in (-1, 0, 1, 2))
         length = math.hypot(end[0] - start[0], end[1] - start[1])
         along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
-        low = -WALL_THICKNESS if _is_convex(before, start, end) else 0.0
-        high = length + (WALL_THICKNESS if _is_convex(start, end, after) else 0.0)
-        middle, out = 0.5 * (low + high), 0.5 * WALL_THICKNESS
+        # Where two walls enclose a corner that juts out, each of them fills it.
+        low = 0.0
+        if _is_convex(before, start, end):
+            low = -WALL_THICKNESS
+        high = length
+        if _is_convex(start, end, after):
+            high = length + WALL_THICKNESS
+        middle = 0.5 * (low + high)
+        out = 0.5 * WALL_THICKNESS
         x = start[0] + middle * along[0] + out * along[1]
         y = start[1] + middle * along[1] - out * along[0]
         walls.append(_slab(f"wall_{k}", x, y, math.atan2(along[1], along[0]), 0.5 * (high - low), out))
     for k, (x0, y0, x1, y1) in enumerate(partitions):
-        half_x, half_y = 0.5 * (x1 - x0), 0.5 * (y1 - y0)
+        half_x = 0.5 * (x1 - x0)
+        half_y = 0.5 * (y1 - y0)
         walls.append(_slab(f"partition_{k}", 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0, half_x, half_y))
     return tuple(walls)

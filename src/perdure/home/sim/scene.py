@@ -19,7 +19,7 @@ from perdure.home.sim.apartments import build_apartment
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import ROLLING, AppleShape, Placement, add_object
 from perdure.home.sim.pieces import Apartment
-from perdure.home.sim.robot import JOINTS, add_fetch
+from perdure.home.sim.robot import ROBOT, add_fetch
 
 CONTROL_HZ = 30
 """Control steps per second, as in M3 and habitat-lab."""
@@ -65,7 +65,9 @@ class WorldOptions:
     @property
     def words(self) -> tuple[str, ...]:
         """What is unusual in words for names: ("drag", "240-hz"), ("rolling-0.4-mm",)."""
-        rolling = f"rolling-{1000.0 * self.rolling:g}-mm" if self.rolling else "drag"
+        rolling = "drag"
+        if self.rolling:
+            rolling = f"rolling-{1000.0 * self.rolling:g}-mm"
         numbers = {"physics_hz": f"{self.physics_hz}-hz", "rolling": rolling}
         return tuple({**_WORDS, **numbers}[name] for name in self.unusual)
 
@@ -118,7 +120,8 @@ class Handles:
     def at(self, q: FloatArray | float) -> FloatArray:
         """Return all handles at joint positions, one for each link or one for all. Shape (links, 3)."""
         angle = self.sign * q
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
         points: FloatArray = self.origin + np.asarray(q)[..., None] * self.slide
         points[:, 0] += cos * self.lever[:, 0] - sin * self.lever[:, 1]
         points[:, 1] += sin * self.lever[:, 0] + cos * self.lever[:, 1]
@@ -127,8 +130,8 @@ class Handles:
 
 REACH = 1.6
 """Radius around the base in [m]: the gripper reaches 1.1, a held object 0.2 farther, the rest is margin."""
-MOVED = 0.15
-"""Distance in [m] after which the bodies near the base are determined again."""
+NEARBY_LASTS = 0.15
+"""Distance in [m] that the base may go until the bodies near it are determined again."""
 SWING = 1.0
 """Largest displacement of a drawer or door from its compiled position in [m]."""
 
@@ -162,14 +165,20 @@ class Nearby:
 
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        robot = np.asarray(model.body_rootid == model.body("robot").id)
+        robot = np.asarray(model.body_rootid == model.body(ROBOT.base).id)
         fixed = ~robot
         fixed[object_bodies] = False
-        low, high = np.full((model.nbody, 2), np.inf), np.full((model.nbody, 2), -np.inf)
-        axes, planes = data.geom_xmat.reshape(-1, 3, 3), model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+
+        # Boxes around the geoms, along the axes of the room; a plane has no end.
+        axes = data.geom_xmat.reshape(-1, 3, 3)
+        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         middle = data.geom_xpos + (axes @ model.geom_aabb[:, :3, None])[..., 0]
         half = (np.abs(axes) @ model.geom_aabb[:, 3:, None])[..., 0]
         half[planes] = np.inf
+
+        # A body's box encloses those of its geoms, and wherever it can move.
+        low = np.full((model.nbody, 2), np.inf)
+        high = np.full((model.nbody, 2), -np.inf)
         geoms = fixed[model.geom_bodyid]
         bodies = model.geom_bodyid[geoms]
         np.minimum.at(low, bodies, (middle - half)[geoms, :2])
@@ -180,16 +189,16 @@ class Nearby:
         return Nearby(model.body_contype.copy(), model.body_conaffinity.copy(), low, high, robot, object_bodies)
 
     def around(self, base: FloatArray, objects: FloatArray) -> BoolArray:
-        """Return which bodies robot or held object could touch before the base has gone `MOVED`. Shape (bodies,).
+        """Return which bodies robot or held object can touch before the base has gone `NEARBY_LASTS`. Shape (bodies,).
 
         Middles of the base, shape (2,), and of the objects, shape (objects, 2), in the room.
         """
         away = np.maximum(np.maximum(self.low - base, base - self.high), 0.0)
-        near: BoolArray = (away * away).sum(axis=1) <= (REACH + MOVED) ** 2
+        near: BoolArray = (away * away).sum(axis=1) <= (REACH + NEARBY_LASTS) ** 2
         near |= self.robot
         if len(objects):
             apart = objects - base
-            near[self.object_bodies] = (apart * apart).sum(axis=1) <= (REACH + MOVED) ** 2
+            near[self.object_bodies] = (apart * apart).sum(axis=1) <= (REACH + NEARBY_LASTS) ** 2
         return near
 
 
@@ -216,15 +225,15 @@ class Scene:
 
     @cached_property
     def robot_qpos(self) -> slice:
-        """Where the robot's joints stand in `qpos`, in the order of `perdure.home.sim.robot.JOINTS`."""
-        (first,) = self._joint_addresses(JOINTS[:1], "jnt_qposadr")
-        return slice(first, first + len(JOINTS))
+        """Where the robot's joints stand in `qpos`, in the order of `ROBOT.joints`."""
+        (first,) = self._joint_addresses(ROBOT.joint_names[:1], "jnt_qposadr")
+        return slice(first, first + len(ROBOT.joints))
 
     @cached_property
     def robot_qvel(self) -> slice:
         """Where the robot's joints stand in `qvel`."""
-        (first,) = self._joint_addresses(JOINTS[:1], "jnt_dofadr")
-        return slice(first, first + len(JOINTS))
+        (first,) = self._joint_addresses(ROBOT.joint_names[:1], "jnt_dofadr")
+        return slice(first, first + len(ROBOT.joints))
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -257,13 +266,14 @@ class Scene:
     @cached_property
     def robot_geoms(self) -> BoolArray:
         """Which geoms belong to the robot. Shape (geoms,)."""
-        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == self.model.body("robot").id)
+        return np.asarray(self.model.body_rootid[self.model.geom_bodyid] == self.model.body(ROBOT.base).id)
 
     @cached_property
     def arm_geoms(self) -> BoolArray:
         """Which geoms belong to the arm and its hand. Shape (geoms,)."""
-        model, inside = self.model, set()
-        first = int(model.body("shoulder_pan_link").id)
+        model = self.model
+        inside: set[int] = set()
+        first = int(model.body(ROBOT.arm[0].body).id)
         for body in range(first, model.nbody):  # a body comes after its parent
             if body == first or int(model.body_parentid[body]) in inside:
                 inside.add(body)
@@ -333,13 +343,15 @@ def _add_holds(spec: Any, apartment: Apartment, objects: int) -> None:
     import mujoco
 
     def hold(body: str, kind: Any, **settings: Any) -> Any:
-        ends = {"objtype": mujoco.mjtObj.mjOBJ_BODY, "name1": "gripper_link", "name2": body}
+        ends = {"objtype": mujoco.mjtObj.mjOBJ_BODY, "name1": ROBOT.gripper, "name2": body}
         return spec.add_equality(name=f"hold/{body}", type=kind, active=False, **ends, **settings)
 
     for number in range(objects):
         weld = hold(f"object_{number}", mujoco.mjtEq.mjEQ_WELD)
         data = np.zeros(len(weld.data))
-        data[3:6], data[6:10], data[10] = spec.site("gripper").pos, (1.0, 0.0, 0.0, 0.0), 1.0
+        data[3:6] = spec.site(ROBOT.gripper_site).pos
+        data[6:10] = (1.0, 0.0, 0.0, 0.0)
+        data[10] = 1.0  # as stiff against turns as against displacements
         weld.data = data
     for moving in apartment.articulations:
         hold(moving.link, mujoco.mjtEq.mjEQ_CONNECT, solref=HANDLE_SOLREF)

@@ -12,7 +12,8 @@ import numpy as np
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
 from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footprints
 from perdure.home.sim.pieces import Apartment
-from perdure.home.sim.simulator import ARM_FROM, ARM_TO, GRASP_RADIUS, Simulator
+from perdure.home.sim.robot import ROBOT
+from perdure.home.sim.simulator import GRASP_RADIUS, Simulator
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,9 @@ class PrivilegedState(Rows):
     base_velocity: FloatArray
     """Forward, to the left, turning. Shape (n, 3)."""
     arm: FloatArray
-    """Arm joint angles. Shape (n, 7)."""
+    """Arm joint angles. Shape (n, joints)."""
     arm_target: FloatArray
-    """Targets of the arm's servos. Shape (n, 7)."""
+    """Targets of the arm's servos. Shape (n, joints)."""
     gripper_in_base: FloatArray
     """The gripper point in the base frame. Shape (n, 3)."""
     gripper_rotation: FloatArray
@@ -145,16 +146,22 @@ class PrivilegedState(Rows):
 
 def turn(vectors: FloatArray, angle: FloatArray) -> FloatArray:
     """Return vectors turned about the z axis. Shapes (n, 3), (n,) -> (n, 3)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = vectors[:, 0], vectors[:, 1]
+    cos = np.cos(angle)
+    sin = np.sin(angle)
+    x = vectors[:, 0]
+    y = vectors[:, 1]
     turned = np.empty((len(vectors), 3))
-    turned[:, 0], turned[:, 1], turned[:, 2] = cos * x - sin * y, sin * x + cos * y, vectors[:, 2]
+    turned[:, 0] = cos * x - sin * y
+    turned[:, 1] = sin * x + cos * y
+    turned[:, 2] = vectors[:, 2]
     return turned
 
 
 def norm(vectors: FloatArray) -> FloatArray:
     """Return lengths of vectors; the same bits for one row as for many. Shape (n, 3) -> (n,)."""
-    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
+    x = vectors[:, 0]
+    y = vectors[:, 1]
+    z = vectors[:, 2]
     return np.sqrt(x * x + y * y + z * z)
 
 
@@ -167,7 +174,9 @@ def up_axis(quaternion: FloatArray) -> FloatArray:
     """Return the z axis of rotations given as (w, x, y, z). Shape (n, 4) -> (n, 3)."""
     w, x, y, z = quaternion.T
     up = np.empty((len(quaternion), 3))
-    up[:, 0], up[:, 1], up[:, 2] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    up[:, 0] = 2.0 * (x * z + w * y)
+    up[:, 1] = 2.0 * (y * z - w * x)
+    up[:, 2] = 1.0 - 2.0 * (x * x + y * y)
     return up
 
 
@@ -192,42 +201,64 @@ def read_state(
         scan_reach: Range of each lane's scan in [m], 0 for none. Shape (n,).
         neighbors: Whether the surroundings of each lane's target are looked at. Shape (n,).
     """
-    n, gripper = len(lanes), known["gripper"]
-    robot, velocity, axes, pose = np.empty((n, ARM_TO)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 7))
-    handle, link, hold = np.zeros((n, 3)), np.zeros((n, 2)), gripper.copy()
+    n = len(lanes)
+    gripper = known["gripper"]
+
+    # Robot, target object, drawer or door, and what is held, from each lane's simulator.
+    robot = np.empty((n, len(ROBOT.joints)))
+    velocity = np.empty((n, 3))
+    axes = np.empty((n, 3, 3))
+    pose = np.empty((n, len(_NO_OBJECT)))
+    handle = np.zeros((n, 3))
+    link_position = np.zeros(n)
+    link_velocity = np.zeros(n)
+    hold = gripper.copy()
     for row, (lane, goal) in enumerate(zip(lanes, goals, strict=True)):
-        robot[row], velocity[row], axes[row] = lane.robot[:ARM_TO], lane.robot_velocity[:3], lane.gripper_axes
-        there = 0 <= goal.target < len(lane.scene.placements)
-        pose[row] = lane.object(goal.target)[0] if there else _NO_OBJECT
+        robot[row] = lane.robot
+        velocity[row] = lane.robot_velocity[:3]
+        axes[row] = lane.gripper_axes
+        pose[row] = _NO_OBJECT
+        if 0 <= goal.target < len(lane.scene.placements):
+            pose[row] = lane.object(goal.target)[0]
         if goal.link >= 0:
             handle[row] = lane.handles[goal.link]
-            link[row] = lane.links[goal.link], lane.qvel[lane.scene.link_qvel[goal.link]]
+            link_position[row] = lane.links[goal.link]
+            link_velocity[row] = lane.qvel[lane.scene.link_qvel[goal.link]]
         if lane.held >= 0:
             hold[row] = lane.object(lane.held)[0][:3]
         elif lane.held_link >= 0:
             hold[row] = lane.handles[lane.held_link]
-    base, flat = robot[:, :3], np.zeros((n, 1))
+
+    # The way to the region in which navigation should end.
+    base = robot[:, :3]
+    flat = np.zeros((n, 1))
     floor = np.concatenate([base[:, :2], flat], axis=1)
-    way, waypoint = np.zeros(n), floor.copy()
+    way = np.zeros(n)
+    waypoint = floor.copy()
     for row, (goal, (x, y, _)) in enumerate(zip(goals, base.tolist(), strict=True)):
         if goal.route is not None:
             way[row], waypoint[row, 0], waypoint[row, 1] = goal.route.ahead(x, y, CELLS_AHEAD)
+
+    # From the room's axes to the base's.
     moving = turn(np.concatenate([velocity[:, :2], flat], axis=1), -base[:, 2])
     moving[:, 2] = velocity[:, 2]
-    cos, sin = np.cos(base[:, 2, None]), np.sin(base[:, 2, None])
+    cos = np.cos(base[:, 2, None])
+    sin = np.sin(base[:, 2, None])
     rotation = axes.copy()
-    rotation[:, 0], rotation[:, 1] = cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]
+    rotation[:, 0] = cos * axes[:, 0] + sin * axes[:, 1]
+    rotation[:, 1] = cos * axes[:, 1] - sin * axes[:, 0]
+
     target = np.array([goal.target for goal in goals], dtype=np.int64)
     aim = np.array([goal.aim for goal in goals]).reshape(n, 3)
-    around = look_around(lanes, target, gripper, neighbors)
+    near, neighbor_distance, handle_distance = look_around(lanes, target, gripper, neighbors)
     return PrivilegedState(
         **known,
-        neighbors=around[0],
-        neighbor_distance=around[1],
-        handle_distance=around[2],
+        neighbors=near,
+        neighbor_distance=neighbor_distance,
+        handle_distance=handle_distance,
         base=base,
         base_velocity=moving,
-        arm=robot[:, ARM_FROM:ARM_TO],
+        arm=robot[:, ROBOT.arm_columns],
         gripper_in_base=turn(gripper - floor, -base[:, 2]),
         gripper_rotation=rotation,
         held=np.array([lane.held for lane in lanes], dtype=np.int64),
@@ -239,8 +270,8 @@ def read_state(
         goal=np.array([goal.goal for goal in goals]).reshape(n, 3),
         link=np.array([goal.link for goal in goals], dtype=np.int64),
         handle=handle,
-        link_position=link[:, 0],
-        link_velocity=link[:, 1],
+        link_position=link_position,
+        link_velocity=link_velocity,
         aim=aim,
         way=way,
         waypoint=waypoint,
@@ -309,13 +340,25 @@ def _ranges(rectangles: FloatArray, base: FloatArray, reach: float) -> FloatArra
     order = np.argsort(~near, axis=1, kind="stable")[:, : max(int(near.sum(axis=1).max()), 1)]
     boxes = np.take_along_axis(rectangles, order[:, :, None], axis=1)[:, None]  # (n, 1, most, 6)
     x, y, half_x, half_y, cos, sin = (boxes[..., k] for k in range(6))
-    dx, dy = base[:, 0, None, None] - x, base[:, 1, None, None] - y
-    at_x, at_y = cos * dx + sin * dy, cos * dy - sin * dx
+
+    # Where the robot is in the frame of each rectangle.
+    dx = base[:, 0, None, None] - x
+    dy = base[:, 1, None, None] - y
+    at_x = cos * dx + sin * dy
+    at_y = cos * dy - sin * dx
+
+    # How far a beam goes until it has covered 1 m along each axis of a rectangle.
     angle = (base[:, 2, None] + SCAN_ANGLES)[:, :, None]
-    beam_x, beam_y = np.cos(angle), np.sin(angle)
-    slow_x, slow_y = 1.0 / (beam_x * cos + beam_y * sin + NOT_ZERO), 1.0 / (beam_y * cos - beam_x * sin + NOT_ZERO)
-    middle_x, spread_x = -at_x * slow_x, half_x * np.abs(slow_x)
-    middle_y, spread_y = -at_y * slow_y, half_y * np.abs(slow_y)
+    beam_x = np.cos(angle)
+    beam_y = np.sin(angle)
+    slow_x = 1.0 / (beam_x * cos + beam_y * sin + NOT_ZERO)
+    slow_y = 1.0 / (beam_y * cos - beam_x * sin + NOT_ZERO)
+
+    # A beam is inside a rectangle while it is between both pairs of opposite sides.
+    middle_x = -at_x * slow_x
+    spread_x = half_x * np.abs(slow_x)
+    middle_y = -at_y * slow_y
+    spread_y = half_y * np.abs(slow_y)
     enter = np.maximum(np.maximum(middle_x - spread_x, middle_y - spread_y), 0.0)
     leave = np.minimum(middle_x + spread_x, middle_y + spread_y)
     ranges = np.where(leave >= enter, enter, SCAN_RANGE).min(axis=2)
@@ -336,25 +379,35 @@ def look_around(
     The magic grasp takes the nearest handle within reach, else the nearest object, so a robot that picks must know
     them; its head camera would show them. A target that a scene does not have has no neighbors but handles.
     """
-    n, rows = len(lanes), np.flatnonzero(wanted)
-    seen = np.zeros((n, NEIGHBORS, 3)), np.full(n, np.inf), np.full(n, np.inf)
+    n = len(lanes)
+    neighbors = np.zeros((n, NEIGHBORS, 3))
+    object_distance = np.full(n, np.inf)
+    handle_distance = np.full(n, np.inf)
+    rows = np.flatnonzero(wanted)
     if not len(rows):
-        return seen
-    lanes, targets, grippers = [lanes[row] for row in rows.tolist()], targets[rows], grippers[rows]
-    each, middles = np.arange(len(rows)), padded([lane.middles for lane in lanes], np.inf, NEIGHBORS + 1)
+        return neighbors, object_distance, handle_distance
+    lanes = [lanes[row] for row in rows.tolist()]
+    targets = targets[rows]
+    grippers = grippers[rows]
+
+    # Take the target out of the objects: what is infinitely far is never near.
+    each = np.arange(len(rows))
+    middles = padded([lane.middles for lane in lanes], np.inf, NEIGHBORS + 1)
     known = (targets >= 0) & (targets < [len(lane.scene.placements) for lane in lanes])
     target = np.where(known, targets, 0)
     at = np.where(known[:, None], middles[each, target], 0.0)
     middles[each, target] = np.inf
     middles[~known] = np.inf
+
+    # The objects nearest to where the target is, and what is nearest to the gripper.
     apart = middles - at[:, None]
     away = norm(apart.reshape(-1, 3)).reshape(len(each), -1)
     nearest = np.argsort(away, axis=1, kind="stable")[:, :NEIGHBORS]
     near = np.take_along_axis(away, nearest, axis=1) <= NEIGHBORHOOD
-    seen[0][rows] = np.where(near[:, :, None], apart[each[:, None], nearest], 0.0)
-    seen[1][rows] = _nearest(middles, grippers)
-    seen[2][rows] = _nearest(padded([lane.handles for lane in lanes], np.inf), grippers)
-    return seen
+    neighbors[rows] = np.where(near[:, :, None], apart[each[:, None], nearest], 0.0)
+    object_distance[rows] = _nearest(middles, grippers)
+    handle_distance[rows] = _nearest(padded([lane.handles for lane in lanes], np.inf), grippers)
+    return neighbors, object_distance, handle_distance
 
 
 def _nearest(points: FloatArray, grippers: FloatArray) -> FloatArray:

@@ -14,12 +14,16 @@ from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.geoms import OBJECT_BIT
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import JOINTS, OPEN, REST_ARM, TORSO_HEIGHT
-from perdure.home.sim.scene import CONTROL_HZ, HABITAT_DRAG, MOVED, Scene
+from perdure.home.sim.robot import ROBOT
+from perdure.home.sim.scene import CONTROL_HZ, HABITAT_DRAG, NEARBY_LASTS, Scene
 
-ACTION_SIZE = 11
-FORWARD, TURN, ARM, GRIP, STOP = 0, 1, slice(2, 9), 9, 10
-"""Parts of an action, eleven numbers from -1 to 1: base forward, base turn, seven arm joints, gripper, "stop"."""
+ACTION_SIZE = ROBOT.action_size
+FORWARD = ROBOT.action.forward
+TURN = ROBOT.action.turn
+ARM = ROBOT.action.arm
+GRIP = ROBOT.action.grip
+STOP = ROBOT.action.stop
+"""Columns of an action, numbers from -1 to 1: base forward, base turn, the joints of the arm, gripper, "stop"."""
 STOP_LEVEL = 0.9
 """Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (our
 choice; M3 has a discrete action for it)."""
@@ -30,12 +34,12 @@ NAVIGATION_SPEED = 3.0
 """The same in navigation (M3, whose actions are 20 discrete ones; ours are continuous)."""
 ARM_STEP = 0.025
 """What an action of 1 adds to a joint's servo target in one control step, in [rad] (M3)."""
-GRASP, RELEASE, LEAVE = 1.0, -1.0, 0.0
+GRASP = 1.0
+RELEASE = -1.0
+LEAVE = 0.0
 """Gripper: above 0 grasps, below 0 releases (M3's signs; the thesis has them the other way round), 0 does nothing."""
 GRASP_RADIUS = 0.15
 """How near a handle or an object's middle must be to the gripper point to be grasped, in [m] (M3, habitat-lab)."""
-ARM_FROM, ARM_TO = JOINTS.index("shoulder_pan_joint"), JOINTS.index("wrist_roll_joint") + 1
-TORSO = JOINTS.index("torso_lift_joint")
 
 
 class Simulator:
@@ -54,15 +58,17 @@ class Simulator:
         self.ctrl: FloatArray = self.data.ctrl
         self.robot: FloatArray = self.qpos[scene.robot_qpos]
         self.robot_velocity: FloatArray = self.qvel[scene.robot_qvel]
-        gripper = int(self.model.site("gripper").id)
+        gripper = int(self.model.site(ROBOT.gripper_site).id)
         self.gripper: FloatArray = self.data.site_xpos[gripper]
         """The gripper point in the room, as of the last step's end. Shape (3,)."""
         self.gripper_axes: FloatArray = self.data.site_xmat[gripper].reshape(3, 3)
         """Its axes in the room, one per column. Shape (3, 3)."""
-        self.held = self.held_link = -1
+        self.held = -1
+        self.held_link = -1
         self._passing: set[int] = set()
         """Objects that have been held: they pass through the robot until the next reset."""
-        first, last = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC)
+        first = int(mujoco.mjtWarning.mjWARN_BADQPOS)
+        last = int(mujoco.mjtWarning.mjWARN_BADQACC)
         self._bad_states: NDArray[np.int32] = self.data.warning.number[first : last + 1]
         self._substeps = scene.options.physics_hz // CONTROL_HZ
         self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
@@ -72,39 +78,53 @@ class Simulator:
     def reset(
         self,
         base: Pose,
-        arm: ArrayLike = REST_ARM,
+        arm: ArrayLike = ROBOT.rest_arm,
         opened: Mapping[str, float] | None = None,
         moved: Mapping[int, Placement] | None = None,
     ) -> None:
-        """Reset to the start of an episode: base pose, joint angles of the arm (7,), drawers and doors by link name.
+        """Reset to the start of an episode: base pose, joint angles of the arm, drawers and doors by link name.
 
         Links that are not named take the scene's own positions; so do objects that `moved` does not place by number.
         """
+        # Nothing is held, and no object passes through the robot.
         self._mujoco.mj_resetData(self.model, self.data)
         self.search_all()
         self.release()
         for number in self._passing:
             self._collide(number, True)
         self._passing.clear()
+
+        # Drawers, doors and objects.
         scene = self.scene
         wanted = {**scene.opened, **(opened or {})}
         for link, address in zip(scene.links, scene.link_qpos, strict=True):
             self.qpos[address] = wanted.get(link, 0.0)
         for number, placement in (moved or {}).items():
-            self.object(number)[0][:] = *placement.position, *placement.quaternion
+            pose, _ = self.object(number)
+            pose[:3] = placement.position
+            pose[3:] = placement.quaternion
+
+        # The robot; its servos hold it where it is.
         self.robot[:] = 0.0
         self.robot[:3] = base.x, base.y, base.yaw
-        self.robot[TORSO], self.robot[ARM_FROM:ARM_TO] = TORSO_HEIGHT, arm
-        self.robot[ARM_TO:] = OPEN
+        self.robot[ROBOT.torso_column] = ROBOT.torso_height
+        self.robot[ROBOT.arm_columns] = arm
+        self.robot[ROBOT.finger_columns] = ROBOT.finger_opening
         self.ctrl[:] = self.robot
         self.ctrl[:3] = 0.0
         self._mujoco.mj_forward(self.model, self.data)
 
     def set_rolling(self, lever: float) -> None:
         """Set the rolling resistance of all objects, see `WorldOptions.rolling`."""
-        model, scene = self.model, self.scene
-        round_ones, drag = scene.model.geom_condim == 6, 0.0 if lever else HABITAT_DRAG
-        model.geom_condim[round_ones] = 6 if lever else 3
+        model = self.model
+        scene = self.scene
+        round_ones = scene.model.geom_condim == 6
+        if lever > 0.0:
+            drag = 0.0
+            model.geom_condim[round_ones] = 6
+        else:
+            drag = HABITAT_DRAG
+            model.geom_condim[round_ones] = 3
         model.geom_friction[round_ones, 2] = lever
         for body, dof in zip(scene.object_bodies, scene.object_qvel, strict=True):
             model.dof_damping[dof : dof + 3] = drag * model.body_mass[body]
@@ -141,12 +161,14 @@ class Simulator:
 
     def object(self, number: int) -> tuple[FloatArray, FloatArray]:
         """Return pose (position, quaternion) and linear velocity of an object, views. Shapes (7,), (3,)."""
-        address, speed = self.scene.object_qpos[number], self.scene.object_qvel[number]
+        address = self.scene.object_qpos[number]
+        speed = self.scene.object_qvel[number]
         return self.qpos[address : address + 7], self.qvel[speed : speed + 3]
 
     def objects(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return poses and linear velocities of the first objects. Shapes (count, 7), (count, 3)."""
-        qpos, qvel = self.scene.object_qpos[:count, None], self.scene.object_qvel[:count, None]
+        qpos = self.scene.object_qpos[:count, None]
+        qvel = self.scene.object_qvel[:count, None]
         return self.qpos[qpos + np.arange(7)], self.qvel[qvel + np.arange(3)]
 
     def grasp(self, gripper: FloatArray, rotation: FloatArray, handles: FloatArray) -> None:
@@ -157,9 +179,12 @@ class Simulator:
         """
         if self.held >= 0 or self.held_link >= 0:
             return
-        if (link := _within_reach(handles, gripper)) >= 0:
+        link = _within_reach(handles, gripper)
+        if link >= 0:
             self.hold_link(link, rotation.T @ (handles[link] - gripper), handles[link])
-        elif (number := _within_reach(self.middles, gripper)) >= 0:
+            return
+        number = _within_reach(self.middles, gripper)
+        if number >= 0:
             self.hold_object(number, gripper, rotation)
 
     def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
@@ -172,7 +197,7 @@ class Simulator:
         equality = self.scene.hold(self.scene.links[link])
         body = self.data.body(self.scene.links[link])
         self._mujoco.mj_kinematics(self.model, self.data)
-        self.model.eq_data[equality, :3] = in_gripper + self.model.site("gripper").pos
+        self.model.eq_data[equality, :3] = in_gripper + self.model.site(ROBOT.gripper_site).pos
         self.model.eq_data[equality, 3:6] = body.xmat.reshape(3, 3).T @ (in_room - body.xpos)
         self.data.eq_active[equality] = 1
 
@@ -181,7 +206,8 @@ class Simulator:
 
         From now on it passes through the robot, also after its release (M3).
         """
-        pose, speed = self.object(number)[0], self.scene.object_qvel[number]
+        pose, _ = self.object(number)
+        speed = self.scene.object_qvel[number]
         pose[:3] = gripper
         self._mujoco.mju_mat2Quat(pose[3:], rotation.ravel())
         self.qvel[speed : speed + 6] = 0.0
@@ -215,7 +241,9 @@ class Simulator:
         contact = self.data.contact
         rows = contact.efc_address
         rows = rows[self._counted[contact.geom].any(axis=1) & (rows >= 0)]
-        return float(self.data.efc_force[rows].max()) if len(rows) else 0.0
+        if not len(rows):
+            return 0.0
+        return float(self.data.efc_force[rows].max())
 
     def _exclude_far_bodies(self) -> None:
         """Exclude bodies that nothing can touch from the contact search, see `nearby`."""
@@ -226,14 +254,15 @@ class Simulator:
             return
         x, y = self.robot[:2].tolist()
         if self._searched_from is not None:
-            dx, dy = x - self._searched_from[0], y - self._searched_from[1]
-            if dx * dx + dy * dy < MOVED * MOVED:
+            dx = x - self._searched_from[0]
+            dy = y - self._searched_from[1]
+            if dx * dx + dy * dy < NEARBY_LASTS * NEARBY_LASTS:
                 return
         nearby = self.scene.nearby
         near = nearby.around(np.array([x, y]), self.middles[:, :2])
         self.model.body_contype[:] = np.where(near, nearby.contype, 0)
         self.model.body_conaffinity[:] = np.where(near, nearby.conaffinity, 0)
-        self._searched_from = x, y
+        self._searched_from = (x, y)
 
     def search_all(self) -> None:
         """Search for contacts everywhere again until the robot has moved, for queries about other places."""
@@ -250,4 +279,6 @@ class Simulator:
 def _within_reach(points: FloatArray, gripper: FloatArray) -> int:
     """Return the number of the nearest point (n, 3) if the magic grasp reaches it, else -1."""
     distance = np.sqrt(((points - gripper) ** 2).sum(axis=1))
-    return int(distance.argmin()) if (distance <= GRASP_RADIUS).any() else -1
+    if (distance <= GRASP_RADIUS).any():
+        return int(distance.argmin())
+    return -1

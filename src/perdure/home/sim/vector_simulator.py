@@ -14,15 +14,13 @@ from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, Scene
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, read_state
 from perdure.home.sim.simulator import (
     ACTION_SIZE,
     ARM,
-    ARM_FROM,
     ARM_STEP,
-    ARM_TO,
     BASE_SPEED,
     FORWARD,
     GRIP,
@@ -54,14 +52,17 @@ class VectorSimulator:
         if lanes < 1:
             raise PerdureError(f"a simulator needs at least one lane, not {lanes}")
         self.num_lanes = lanes
+        self._all = np.arange(lanes)
         self._threads = min(lanes, threads or len(os.sched_getaffinity(0)))
-        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self._pool: ThreadPoolExecutor | None = None
+        if self._threads > 1:
+            self._pool = ThreadPoolExecutor(self._threads)
         self._simulators: list[Simulator | None] = [None] * lanes
         self._idle: list[Simulator] = []
         self._starts: dict[int, _Start] = {}
         self._skill_goal = [SkillGoal()] * lanes
         self._known: dict[str, NDArray[Any]] = {
-            "arm_target": np.zeros((lanes, 7)),
+            "arm_target": np.zeros((lanes, len(ROBOT.arm))),
             "gripper": np.zeros((lanes, 3)),
             "gripper_velocity": np.zeros((lanes, 3)),
             "contact_force": np.zeros(lanes),
@@ -75,7 +76,7 @@ class VectorSimulator:
         lane: int,
         scene: Scene,
         base: Pose,
-        arm: ArrayLike = REST_ARM,
+        arm: ArrayLike = ROBOT.rest_arm,
         opened: Mapping[str, float] | None = None,
         held: int = -1,
         skill_goal: SkillGoal | None = None,
@@ -87,7 +88,7 @@ class VectorSimulator:
             lane: Which lane.
             scene: What it is made of. Simulators of scenes that were left are kept for their next episode.
             base: Where the robot stands.
-            arm: Its arm's joint angles. Shape (7,).
+            arm: Its arm's joint angles. Shape (joints,).
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
             held: Number of the object in the gripper, -1 for none.
             skill_goal: The goal of its skill.
@@ -95,9 +96,9 @@ class VectorSimulator:
         """
         old = self._simulators[lane]
         if old is None or old.scene is not scene:
-            found = next((k for k, each in enumerate(self._idle) if each.scene is scene), None)
-            self._simulators[lane] = Simulator(scene) if found is None else self._idle.pop(found)
-            self._idle += [] if old is None else [old]
+            self._simulators[lane] = self._simulator_of(scene)
+            if old is not None:
+                self._idle.append(old)
             del self._idle[:-MAX_IDLE]
         self._starts[lane] = (base, np.array(arm, dtype=np.float64), dict(opened or {}), dict(moved or {}), held)
         self._skill_goal[lane] = skill_goal or SkillGoal()
@@ -130,7 +131,7 @@ class VectorSimulator:
         """Run one control step: gripper, arm and base commands, then physics (M3's order).
 
         Args:
-            actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, 11).
+            actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, action size).
             lanes: Which lanes to step, all when None. Shape (m,).
             base_speed: Speed of a base action of 1 in [m/s] and [rad/s]. Shape (m,).
             arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).
@@ -138,7 +139,7 @@ class VectorSimulator:
         Raises:
             PerdureError: If a shape does not fit or an action is not a finite number.
         """
-        chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        chosen = self._all if lanes is None else lanes
         clipped = self._checked(actions, chosen)
         self._command(chosen, clipped, np.broadcast_to(base_speed, len(chosen)), np.broadcast_to(arm_step, len(chosen)))
         if self._pool is None or len(chosen) == 1:
@@ -158,7 +159,7 @@ class VectorSimulator:
                 measured. Shape (m,).
             neighbors: Whether objects and handles around a lane's target are looked for. Shape (m,).
         """
-        chosen = np.arange(self.num_lanes) if lanes is None else lanes
+        chosen = self._all if lanes is None else lanes
         return read_state(
             [self.simulator(number) for number in chosen.tolist()],
             [self._skill_goal[number] for number in chosen.tolist()],
@@ -173,12 +174,24 @@ class VectorSimulator:
             self._pool.shutdown()
             self._pool = None
 
+    def _simulator_of(self, scene: Scene) -> Simulator:
+        """Return an idle simulator of a scene, a new one when there is none."""
+        for number, each in enumerate(self._idle):
+            if each.scene is scene:
+                return self._idle.pop(number)
+        return Simulator(scene)
+
     def _begin(self, number: int) -> None:
+        """Reset a lane's simulator to the start of its episode."""
         base, arm, opened, moved, held = self._starts[number]
-        simulator, known = self.simulator(number), self._known
+        simulator = self.simulator(number)
         simulator.reset(base, arm, opened, moved)
-        known["arm_target"][number], known["gripper"][number] = arm, simulator.gripper
-        known["gripper_velocity"][number], known["contact_force"][number], known["stopped"][number] = 0.0, 0.0, False
+        known = self._known
+        known["arm_target"][number] = arm
+        known["gripper"][number] = simulator.gripper
+        known["gripper_velocity"][number] = 0.0
+        known["contact_force"][number] = 0.0
+        known["stopped"][number] = False
         if held >= 0:
             simulator.hold_object(held, simulator.gripper, simulator.gripper_axes)
             simulator.forward()
@@ -195,20 +208,21 @@ class VectorSimulator:
 
     def _command(self, chosen: IntArray, actions: FloatArray, speed: FloatArray, arm_step: FloatArray) -> None:
         arm_target = self._known["arm_target"]
-        target = np.clip(arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ARM_LOW, ARM_HIGH)
+        target = np.clip(arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ROBOT.arm_low, ROBOT.arm_high)
         arm_target[chosen] = target
         grip = actions[:, GRIP]
         stopped = actions[:, STOP] > STOP_LEVEL
         self._known["stopped"][chosen] = stopped
         speed = np.where(stopped, 0.0, speed)
-        forward, turning = actions[:, FORWARD] * speed, actions[:, TURN] * speed
+        forward = actions[:, FORWARD] * speed
+        turning = actions[:, TURN] * speed
         for row, number in enumerate(chosen):
             simulator = self.simulator(number)
             if grip[row] > 0.0:
                 simulator.grasp(simulator.gripper, simulator.gripper_axes, simulator.handles)
             elif grip[row] < 0.0:
                 simulator.release()
-            simulator.ctrl[ARM_FROM:ARM_TO] = target[row]
+            simulator.ctrl[ROBOT.arm_columns] = target[row]
             simulator.drive(forward[row], turning[row])
 
     def _step_some(self, chosen: IntArray) -> None:
@@ -222,7 +236,8 @@ class VectorSimulator:
         known = self._known
         for number in chosen.tolist():
             simulator = self.simulator(number)
-            known["diverged"][number] = diverged = simulator.diverged()
+            diverged = simulator.diverged()
+            known["diverged"][number] = diverged
             if diverged:
                 self._begin(number)
             else:

@@ -21,7 +21,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
 from perdure.home.skills.skill import Skill, SkillProgress
-from perdure.home.skills.starts import PlanStart, Start, begin, read_plan_starts, train_pool
+from perdure.home.skills.starts import POOL, PlanStart, Start, begin, read_plan_starts, train_pool
 from perdure.home.tasks.episodes import Episode, episode_scene, load_episodes
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import TASKS, HomeTask, get_task
@@ -30,7 +30,7 @@ from perdure.schema import Choice, Flag, Items, Kind, Maybe, Real, Text, Whole
 COUNT = Whole(1, 1_000_000)
 RETRY_WEIGHT = 5
 """How much more often recorded starts of further attempts are drawn: they are rare and hard (our choice)."""
-KINDS: Mapping[str, Kind] = {
+OPTION_KINDS: Mapping[str, Kind] = {
     "skill": Text(),
     "task": Choice(tuple(TASKS)),
     "split": Choice(tuple(SPLITS)),
@@ -80,25 +80,42 @@ class SkillEnvOptions:
         for name, value in vars(self).items():
             object.__setattr__(self, name, plain(value))
         if self.targets is not None:
-            given = self.targets if isinstance(self.targets, Iterable) else (self.targets,)
+            given = self.targets
+            if not isinstance(given, Iterable):
+                given = (given,)
             object.__setattr__(self, "targets", tuple(map(plain, given)))
-        check_kinds(KINDS, vars(self))
+        check_kinds(OPTION_KINDS, vars(self))
         lookup(dict.fromkeys(learned_skills()), self.skill, "skill with an environment")
+        self._check_skill_options()
+        self._check_episodes()
+        self._check_targets()
+        _ = self.scene
+        self.make_skill()
+
+    def _check_skill_options(self) -> None:
+        """Raise PerdureError for an option of another skill."""
         for each in fields(self):
             owners = [name for name, kind in SKILLS.items() if each.name in kind.__dataclass_fields__]
             if each.name in SKILL_OPTIONS and self.skill not in owners and getattr(self, each.name) != each.default:
                 raise PerdureError(
                     f"{each.name} is an option of {', '.join(owners)}, not of {self.skill}; leave it at {each.default}"
                 )
-        published = 0 if self.split == "train" else len(load_episodes(self.task, self.split).episodes)
-        if published and self.episodes is not None and self.episodes > published:
+
+    def _check_episodes(self) -> None:
+        """Raise PerdureError for more episodes than are published."""
+        if self.split == "train":
+            return
+        published = len(load_episodes(self.task, self.split).episodes)
+        if self.episodes is not None and self.episodes > published:
             raise PerdureError(f"episodes must be 1 to {published}, all of {self.split}, not {self.episodes}")
+
+    def _check_targets(self) -> None:
+        """Raise PerdureError for targets for which the task does not use the skill."""
         used = targets_of(self.skill, get_task(self.task))
         if not used:
             raise PerdureError(f"{self.task} never uses the skill {self.skill}")
         if not self.chosen_targets or set(self.chosen_targets) - set(used):
             raise PerdureError(f"targets of {self.skill} in {self.task} are some of {used}, not {self.targets}")
-        _ = self.scene, self.make_skill()
 
     @property
     def chosen_targets(self) -> tuple[int, ...]:
@@ -121,7 +138,7 @@ class SkillEnvOptions:
     def load(self) -> tuple[Episode, ...]:
         """Return the episodes to draw from."""
         if self.split == "train":
-            return train_pool(self.task, **({} if self.episodes is None else {"count": self.episodes})).episodes
+            return train_pool(self.task, self.episodes or POOL).episodes
         return load_episodes(self.task, self.split).episodes[: self.episodes]
 
 
@@ -147,7 +164,9 @@ def check_kinds(kinds: Mapping[str, Kind], values: Mapping[str, object]) -> None
 
 def plain(value: Any) -> Any:
     """Return a NumPy number or array as Python numbers; any other value itself."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return value
 
 
 class EpisodeSampler:
@@ -158,9 +177,13 @@ class EpisodeSampler:
         self._options = options
         self.episodes = options.load()
         self._skill = options.make_skill()
-        rows = read_plan_starts(options.task, options.skill) if options.training and options.split == "train" else []
-        usable = [r for r in rows if r.episode < len(self.episodes) and r.step[1] in options.chosen_targets]
-        self._recorded = [row for row in usable for _ in range(RETRY_WEIGHT if row.attempt > 1 else 1)]
+        self._recorded: list[PlanStart] = []
+        """Recorded start states, those of further attempts several times, so that they are drawn more often."""
+        if options.training and options.split == "train":
+            for row in read_plan_starts(options.task, options.skill):
+                if row.episode < len(self.episodes) and row.step[1] in options.chosen_targets:
+                    weight = RETRY_WEIGHT if row.attempt > 1 else 1
+                    self._recorded += [row] * weight
 
     def begin(self, world: VectorSimulator, lane: int, rng: np.random.Generator) -> Episode:
         """Begin an episode in a lane and return it."""
@@ -170,7 +193,8 @@ class EpisodeSampler:
         recorded = list[PlanStart]()
         if self._recorded and rng.random() < 0.5:
             recorded.append(self._recorded[int(rng.integers(len(self._recorded)))])
-            number, target = recorded[0].episode, recorded[0].step[1]
+            number = recorded[0].episode
+            target = recorded[0].step[1]
         episode = self.episodes[number]
 
         def draw(episode: Episode, target: int, rng: np.random.Generator) -> Start:
@@ -235,7 +259,8 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         check_kinds({"num_envs": COUNT, "max_episode_steps": Maybe(Whole(1, 10**9)), "threads": Maybe(COUNT)}, given)
         self.metadata = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
         self.options = checked_options(options)
-        if registered_skill not in (None, skill := self.options.skill):
+        skill = self.options.skill
+        if registered_skill not in (None, skill):
             raise PerdureError(
                 f"{env_id(registered_skill)} has the skill {registered_skill}, not {skill}: use {env_id(skill)}"
             )
@@ -246,7 +271,8 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
                 f"also give max_episode_steps={self.skill.limit}"
             )
         self.sampler = episode_sampler(self.options)
-        self.num_envs, self.max_episode_steps = num_envs, max_episode_steps
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps
         self.world = VectorSimulator(num_envs, threads)
         self.diverged = np.zeros(num_envs, dtype=np.int64)
         """Number of divergences of each lane. Shape (num_envs,)."""
@@ -290,17 +316,23 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         if self._state is None or self._progress is None or self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise PerdureError(f"lanes {over} have ended or never begun: reset them first")
-        skill, before, was = self.skill, self._state, self._progress
+        skill = self.skill
+        before = self._state
+        was = self._progress
         full = skill.expand_action(self._checked(actions), before)
         self.world.step(skill.mask(full, before), None, skill.base_speed, skill.arm_step)
         after = self.world.sense(None, skill.scan_reach, skill.needs_neighbors)
         now = skill.advance(was, after)
-        self._state, self._progress = after, now
+        self._state = after
+        self._progress = now
+
+        # A lane whose simulation diverged neither succeeds nor fails, and earns nothing.
         sound = ~after.diverged
         rewards, terms = skill.reward(before, after, was, now)
         success = skill.success(after, now) & sound
         failure = np.where(sound, skill.failure(after, now), 0)
-        terminated, truncated = success | (failure > 0), after.diverged.copy()
+        terminated = success | (failure > 0)
+        truncated = after.diverged.copy()
         if self.max_episode_steps is not None:
             truncated |= now.elapsed >= self.max_episode_steps
         self.diverged += after.diverged
@@ -341,14 +373,17 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
         fresh = self.world.sense(lanes, self.skill.scan_reach, self.skill.needs_neighbors)
         begun = self.skill.begin(fresh)
         if self._state is None or self._progress is None:
-            self._state, self._progress = fresh, begun
+            self._state = fresh
+            self._progress = begun
         else:
-            self._state, self._progress = self._state.put(lanes, fresh), self._progress.put(lanes, begun)
+            self._state = self._state.put(lanes, fresh)
+            self._progress = self._progress.put(lanes, begun)
         self._over[lanes] = False
         return self._state, self._progress
 
     def _set_spaces(self) -> None:
-        low, high = (np.array([getattr(each, end) for each in self.skill.elements]) for end in ("low", "high"))
+        low = np.array([each.low for each in self.skill.elements])
+        high = np.array([each.high for each in self.skill.elements])
         self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
         self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.skill.action_size,), dtype=np.float64)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -373,7 +408,9 @@ class HomeSkillVectorEnv(gymnasium.vector.VectorEnv[FloatArray, FloatArray, Any]
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        seeds = [int(seed) + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + lane for lane in range(self.num_envs)]
+        seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise PerdureError(f"seed must have one entry for each of {self.num_envs} lanes, not {len(seeds)}")
         return seeds
@@ -423,11 +460,15 @@ class HomeSkillEnv(gymnasium.Env[FloatArray, FloatArray]):
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:
     """Return the entries of the only lane."""
-    return {
-        name: _first(value) if isinstance(value, dict) else value[0].item()
-        for name, value in info.items()
-        if not name.startswith("_")
-    }
+    first: dict[str, Any] = {}
+    for name, value in info.items():
+        if name.startswith("_"):
+            continue
+        if isinstance(value, dict):
+            first[name] = _first(value)
+        else:
+            first[name] = value[0].item()
+    return first
 
 
 SUITE = VectorSuite("Home", "perdure.home.skills.gym", PREFIX)

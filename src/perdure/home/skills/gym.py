@@ -62,7 +62,8 @@ class VectorHeadDepth(AnyVectorWrapper):
         lanes = env.unwrapped
         if not isinstance(lanes, HomeSkillVectorEnv):
             raise PerdureError(f"env must be a home skill environment, not {env}")
-        self._lanes, self._camera = lanes, HeadCamera(side)
+        self._lanes = lanes
+        self._camera = HeadCamera(side)
         self.single_observation_space = _with_depth(env.single_observation_space, side)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
@@ -86,7 +87,8 @@ class HeadDepth(gymnasium.ObservationWrapper[Any, Any, Any], RecordConstructorAr
         gymnasium.ObservationWrapper.__init__(self, env)
         if not isinstance(env.unwrapped, HomeSkillEnv):
             raise PerdureError(f"env must be a home skill environment, not {env}")
-        self._lanes, self._camera = env.unwrapped.lanes, HeadCamera(side)
+        self._lanes = env.unwrapped.lanes
+        self._camera = HeadCamera(side)
         self.observation_space = _with_depth(env.observation_space, side)
 
     def observation(self, observation: Any) -> Observation:

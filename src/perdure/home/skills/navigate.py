@@ -26,19 +26,22 @@ from perdure.home.skills.starts import Aim, Start, region, stand_anywhere
 from perdure.home.tasks.episodes import Episode
 from perdure.home.tasks.planning import make_plan
 
-NEAR, FACING = 0.1, 0.25
+NEAR = 0.1
+FACING = 0.25
 """Largest path length to the region in [m] and heading error in [rad] on arrival (M3)."""
 COUNTED = 0.05
 """Path lengths up to this count as 0 in the reward, in [m] (M3)."""
 DISTANCE_REWARD = 1.0
 FAR = 5.0
 """Clip of the path length in [m]."""
-STUCK_STEPS, STUCK_SPEED = 45, 0.05
+STUCK_STEPS = 45
+STUCK_SPEED = 0.05
 """A robot that is slower than this, in [m/s] and [rad/s], for so many control steps is stuck."""
 
 
 def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
-    aim, ahead = state.in_base(state.aim), state.in_base(state.waypoint)
+    aim = state.in_base(state.aim)
+    ahead = state.in_base(state.waypoint)
     far = np.sqrt(aim[:, 0] ** 2 + aim[:, 1] ** 2)
     safe = np.maximum(far, 1e-9)
     return [
@@ -128,7 +131,8 @@ class Navigate(Skill):
         The object is in the hand if it is placed next (M3, `nav_v1*`).
         """
         steps = [each for each in make_plan(episode.home_task) if (each.skill, each.target) == (self.name, target)]
-        following, opened = self._following(steps[int(rng.integers(len(steps)))].toward), dict(episode.opened)
+        following = self._following(steps[int(rng.integers(len(steps)))].toward)
+        opened = dict(episode.opened)
         base = stand_anywhere(episode.apartment(), opened, rng)
         start = following.make_start(episode, target, opened, base, rng)
         route = _route(episode.apartment(), tuple(sorted(opened.items())), following.aim(episode, target, opened))

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, FloatArray
-from perdure.home.sim.robot import REST_ARM, ROLLS
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import NEIGHBORHOOD, NEIGHBORS, PrivilegedState, norm, wrap
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, GRIP
 from perdure.home.skills import skill as obs
@@ -148,14 +148,14 @@ class ResetArm(Skill):
         return np.asarray(np.abs(rest_error(state.arm)).max(axis=1) < DONE)
 
     def act(self, state: PrivilegedState) -> FloatArray:
-        """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, 11)."""
+        """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, action size)."""
         actions = np.zeros((len(state), ACTION_SIZE))
         actions[:, ARM] = np.clip(rest_error(state.arm_target) / FASTEST, -1.0, 1.0)
         return actions
 
 
 def rest_error(arm: FloatArray) -> FloatArray:
-    """Return joint angles of rest minus `arm`, the shorter way round for unlimited joints. Shape (n, 7)."""
-    error = np.asarray(REST_ARM) - arm
-    error[:, ROLLS] = wrap(error[:, ROLLS])
+    """Return joint angles of rest minus `arm`, the shorter way round for unlimited joints. Shape (n, joints)."""
+    error = ROBOT.rest_arm - arm
+    error[:, ROBOT.continuous] = wrap(error[:, ROBOT.continuous])
     return error

@@ -24,7 +24,8 @@ GOAL_RADIUS = 0.15
 """eps_g: largest distance of the object's center from its goal in [m] (M3, habitat-lab)."""
 DISTANCE_REWARD = 4.0
 RELEASE_REWARD = 1.0
-GENTLE_REWARD, GENTLE_SPEED = 10.0, 0.03
+GENTLE_REWARD = 10.0
+GENTLE_SPEED = 0.03
 """Reward for a release at rest, and the speed in [m/s] at which half of it is paid: slower objects stay."""
 DEAD_ZONE = 0.15
 """Actions up to this size that count as 0 with `gentle`."""
@@ -108,12 +109,16 @@ class Place(Skill):
     @property
     def limit(self) -> int:
         """See `Skill.limit`."""
-        return self.step_limit + (self.delta if self.delta > 1 else 0)
+        if self.delta == 1:
+            return self.step_limit
+        return self.step_limit + self.delta
 
     @property
     def action_size(self) -> int:
         """See `Skill.action_size`; with actions of the hand base, displacement and gripper: 2 + 3 + 1."""
-        return 6 if self.actions == "hand" else super().action_size
+        if self.actions == "hand":
+            return 2 + 3 + 1
+        return super().action_size
 
     def expand_action(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """See `Skill.expand_action`, `actions` and `gentle`."""
@@ -129,7 +134,9 @@ class Place(Skill):
     def recipe_on(self, task: str) -> Recipe:
         """See `Skill.recipe_on`; less noise at the end where the release counts."""
         usual = super().recipe_on(task)
-        return replace(usual, log_std_end=GENTLE_LOG_STD) if self.gentle else usual
+        if not self.gentle:
+            return usual
+        return replace(usual, log_std_end=GENTLE_LOG_STD)
 
     def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
         """See `Skill.observation_terms`."""

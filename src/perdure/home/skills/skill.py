@@ -16,7 +16,7 @@ import numpy as np
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import ARM_JOINTS, BASE_RADIUS, REST_POSITION, ROLLS
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import BEAMS, SCAN_RANGE, PrivilegedState, SkillGoal, norm, wrap
 from perdure.home.sim.simulator import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP
 from perdure.home.skills import starts
@@ -26,7 +26,8 @@ from perdure.home.tasks.episodes import Episode
 FORCE_MARGIN = 20.0
 """Contact forces up to this count as 0, in [N] (M3's number). Only increases in force are penalized (our choice). M3's
 `RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
-HOLD_LIMIT, HANDLE_LIMIT = 0.09, 0.2
+HOLD_LIMIT = 0.09
+HANDLE_LIMIT = 0.2
 """Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
 
 
@@ -78,7 +79,9 @@ class Recipe:
     @property
     def env_options(self) -> dict[str, object]:
         """Return environment options of training only; policies are scored with clutter from M3's start states."""
-        return {**({"clutter": True} if self.clutter else {}), "training": True}
+        if self.clutter:
+            return {"clutter": True, "training": True}
+        return {"training": True}
 
 
 SECTORS = BEAMS // 2
@@ -163,7 +166,7 @@ def unit(axes: FloatArray) -> FloatArray:
 
 def rest_distance(state: PrivilegedState) -> FloatArray:
     """Return d_ee^r, the distance of the gripper point from its rest position in [m]. Shape (n,)."""
-    return norm(state.gripper_in_base - np.asarray(REST_POSITION))
+    return norm(state.gripper_in_base - ROBOT.rest_position)
 
 
 def _point(state: PrivilegedState, points: FloatArray) -> list[FloatArray]:
@@ -176,7 +179,7 @@ def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray
         _wrapped(state.arm),
         state.arm_target - state.arm,
         state.base_velocity[:, [0, 2]],
-        np.asarray(REST_POSITION) - state.gripper_in_base,
+        ROBOT.rest_position - state.gripper_in_base,
         rest_distance(state),
         rotation[:, :, 0],
         rotation[:, :, 2],
@@ -186,22 +189,23 @@ def _proprioception(state: PrivilegedState, _: SkillProgress) -> list[FloatArray
 def _wrapped(arm: FloatArray) -> FloatArray:
     """Return arm angles with those of unlimited joints in [-pi, pi)."""
     result = arm.copy()
-    result[:, ROLLS] = wrap(result[:, ROLLS])
+    result[:, ROBOT.continuous] = wrap(result[:, ROBOT.continuous])
     return result
 
 
 def _closeness(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     """Return the nearest of three beams for each sector: 45 degrees wide, 15 shared with each neighbor."""
     ranges = state.scan
-    before, after = np.roll(ranges, 1, axis=1), np.roll(ranges, -1, axis=1)
+    before = np.roll(ranges, 1, axis=1)
+    after = np.roll(ranges, -1, axis=1)
     nearest = np.minimum(np.minimum(before, ranges), after)[:, ::2]
-    return [np.clip(1.0 - (nearest - BASE_RADIUS) / SECTOR_DEPTH, 0.0, 1.0)]
+    return [np.clip(1.0 - (nearest - ROBOT.base_radius) / SECTOR_DEPTH, 0.0, 1.0)]
 
 
 PROPRIOCEPTION = ObservationTerm(
     (
-        *(Element(name, f"angle of {name}", "rad", -np.pi, np.pi) for name in ARM_JOINTS),
-        *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ARM_JOINTS),
+        *(Element(name, f"angle of {name}", "rad", -np.pi, np.pi) for name in ROBOT.arm_names),
+        *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ROBOT.arm_names),
         Element("base_forward", "forward speed of the base", "m/s"),
         Element("base_turn", "turning speed of the base", "rad/s"),
         *vector("to_rest", "vector from the gripper point to its rest position, base frame"),
@@ -228,8 +232,14 @@ CLOSENESS = ObservationTerm(
 )
 SCAN = ObservationTerm(
     tuple(
-        Element(f"scan_{k:02d}", f"range of beam {k} of {BEAMS}, counter-clockwise from straight ahead", "m", 0.0, high)
-        for k, high in enumerate([SCAN_RANGE] * BEAMS)
+        Element(
+            f"scan_{k:02d}",
+            f"range of beam {k} of {BEAMS}, counter-clockwise from straight ahead",
+            "m",
+            0.0,
+            SCAN_RANGE,
+        )
+        for k in range(BEAMS)
     ),
     lambda state, _: [state.scan],
 )
@@ -242,7 +252,8 @@ SLACK = 0.002
 PENALTY = 1.0
 """Cost of a failure (M3; our choice for letting go of a handle early and for leaving the goal, which cost nothing
 there)."""
-FORCE_COST, FORCE_CAP = 0.001, 0.2
+FORCE_COST = 0.001
+FORCE_CAP = 0.2
 """Cost per newton of increase in contact force, and its cap per step (M3's numbers; see `FORCE_MARGIN`)."""
 RETRACTED = 0.05
 """Largest distance of a retracted gripper point from its rest position in [m] (M3)."""
@@ -280,7 +291,7 @@ class Skill(ABC):
     """Speed for a base action of 1 in [m/s] and [rad/s]."""
     arm_step: ClassVar[float] = ARM_STEP
     """Change of a joint's servo target for an arm action of 1 in [rad] per step."""
-    scan_reach: ClassVar[float] = BASE_RADIUS + SECTOR_DEPTH
+    scan_reach: ClassVar[float] = ROBOT.base_radius + SECTOR_DEPTH
     """Range of the scan around the base in [m], 0 for no scan. Obstacles farther away must not change the observation:
     the executor scans once for all skills, with the largest range."""
     needs_neighbors: ClassVar[bool] = False
@@ -356,11 +367,14 @@ class Skill(ABC):
         return {}
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
-        """Return the actions without what the skill forbids. Shape (n, 11)."""
+        """Return the actions without what the skill forbids. Shape (n, action size)."""
         return actions
 
     def expand_action(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
-        """Return the robot's actions from a policy's: its `active_columns`, 0 elsewhere. Shape (n, m) -> (n, 11)."""
+        """Return the robot's actions from a policy's: its `active_columns`, 0 elsewhere.
+
+        Shape (n, m) -> (n, action size).
+        """
         full = np.zeros((len(actions), ACTION_SIZE))
         full[:, list(self.active_columns)] = actions
         return full
@@ -381,11 +395,15 @@ class Skill(ABC):
         self, episode: Episode, target: int, opened: Mapping[str, float], toward: str | None = None
     ) -> SkillGoal:
         """Return the goal of the skill in an episode; `opened` as in `aim`, `toward`: the next skill of navigation."""
-        aim, apartment = self.aim(episode, target, opened), episode.apartment()
+        aim = self.aim(episode, target, opened)
+        apartment = episode.apartment()
+        link = -1
+        if self.moves_link and aim.link is not None:
+            link = starts.link_number(apartment, aim.link)
         return SkillGoal(
             target,
             episode.goals[target].position,
-            starts.link_number(apartment, aim.link) if self.moves_link and aim.link is not None else -1,
+            link,
             self.name,
             aim.point,
             front=starts.front_of(apartment, self.placement(episode, target)),
@@ -397,10 +415,13 @@ class Skill(ABC):
         By default the robot stands within 2 m of what it acts on, in front of its container, faces it, and the
         container is open (M3, `pick_v1`, `place_v1`).
         """
-        apartment, placement = episode.apartment(), self.placement(episode, target)
+        apartment = episode.apartment()
+        placement = self.placement(episode, target)
         container = apartment.container(placement.receptacle)
         opened = starts.draw_open(apartment, container, rng)
-        front = None if container is None else starts.front_of(apartment, placement)  # our choice
+        front = None
+        if container is not None:
+            front = starts.front_of(apartment, placement)  # our choice
         base = starts.stand_near(apartment, placement.position, rng, front)
         return self.make_start(episode, target, opened, base, rng)
 
@@ -408,35 +429,69 @@ class Skill(ABC):
         self, episode: Episode, target: int, opened: Mapping[str, float], base: Pose, rng: np.random.Generator
     ) -> starts.Start:
         """Return a start state with the arm near rest and the object where `object_at_start` says."""
-        moved = {"start": starts.carried(episode, target, opened), "gripper": {}, "goal": {0: episode.goals[target]}}
+        held = -1
+        moved: Mapping[int, Placement] = {}
+        if self.object_at_start == "gripper":
+            held = 0
+        elif self.object_at_start == "goal":
+            moved = {0: episode.goals[target]}
+        else:
+            moved = starts.carried(episode, target, opened)
         return starts.Start(
             base=base,
             arm=starts.draw_arm(rng),
             skill_goal=replace(self.skill_goal(episode, target, opened), target=0),
             opened=opened,
-            held=0 if self.object_at_start == "gripper" else -1,
-            moved=moved[self.object_at_start],
+            held=held,
+            moved=moved,
         )
 
     def recorded_start(self, episode: Episode, row: starts.PlanStart) -> starts.Start:
         """Return a recorded start state in its episode."""
-        (_, target, toward), (position, quaternion), held = row.step, row.pose, "place" in row.step
-        moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
-        seen = replace(episode.objects[target], receptacle=row.seen[0], position=row.seen[1])
+        # The goal is made from where the planner took the target to be.
+        _, target, toward = row.step
+        receptacle, position = row.seen
+        seen = replace(episode.objects[target], receptacle=receptacle, position=position)
         believed = replace(episode, objects=(*episode.objects[:target], seen, *episode.objects[target + 1 :]))
-        goal = replace(starts.keep_apart(self.skill_goal(believed, target, row.opened, toward), row.stood), target=0)
-        return starts.Start(Pose(*row.base), np.array(row.arm), goal, row.opened, held - 1, {} if held else moved)
+        goal = starts.keep_apart(self.skill_goal(believed, target, row.opened, toward), row.stood)
+
+        # The target is in the hand before it is placed, else where it was recorded.
+        position, quaternion = row.pose
+        held = -1
+        moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
+        if "place" in row.step:
+            held = 0
+            moved = {}
+        return starts.Start(
+            Pose(*row.base), np.array(row.arm), replace(goal, target=0), row.opened, held=held, moved=moved
+        )
 
     def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:
         """Return observations. Shape (n, len(elements))."""
-        columns = [column for term in self.observation_terms() for column in term.read(state, progress)]
-        return np.concatenate([each[:, None] if each.ndim == 1 else each for each in columns], axis=1)
+        columns = []
+        for term in self.observation_terms():
+            for values in term.read(state, progress):
+                if values.ndim == 1:
+                    columns.append(values[:, None])
+                else:
+                    columns.append(values)
+        return np.concatenate(columns, axis=1)
 
     def begin(self, state: PrivilegedState) -> SkillProgress:
         """Return the progress at the first step."""
-        n, no = len(state), np.zeros(len(state), dtype=bool)
-        zero = np.zeros(n, dtype=np.int64)
-        return self.remember(SkillProgress(zero, no, no, zero, no, no, counted_force(state), np.zeros(n)), state)
+        no = np.zeros(len(state), dtype=bool)
+        zero = np.zeros(len(state), dtype=np.int64)
+        progress = SkillProgress(
+            elapsed=zero,
+            grasped=no,
+            released=no,
+            lasting=zero,
+            reached=no,
+            away=no,
+            force=counted_force(state),
+            force_sum=np.zeros(len(state)),
+        )
+        return self.remember(progress, state)
 
     def advance(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
         """Return the progress one control step later."""
@@ -451,7 +506,8 @@ class Skill(ABC):
 
     def failure(self, state: PrivilegedState, progress: SkillProgress) -> IntArray:
         """Return which failure ends the skill as a number of `failure_labels`. Shape (n,)."""
-        conditions, result = self.failure_conditions(state, progress), np.zeros(len(state), dtype=np.int64)
+        conditions = self.failure_conditions(state, progress)
+        result = np.zeros(len(state), dtype=np.int64)
         for number, name in reversed(list(enumerate(self.failures, start=1))):
             result[conditions[name]] = number
         return result

@@ -23,7 +23,7 @@ from perdure.home.sim.kinematics import gripper_pose, toward
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import FreeSpace, free_space
 from perdure.home.sim.pieces import Apartment, Pose
-from perdure.home.sim.robot import REST_ARM, REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import Scene
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import Simulator
@@ -40,7 +40,7 @@ class Start:
 
     base: Pose
     arm: FloatArray
-    """Joint angles. Shape (7,)."""
+    """Joint angles of the arm. Shape (joints,)."""
     skill_goal: SkillGoal
     opened: Mapping[str, float] = field(default_factory=dict)
     """Positions of drawers and doors that differ from the episode's, by link name."""
@@ -102,18 +102,22 @@ def put(world: VectorSimulator, lane: int, scene: Scene, start: Start) -> None:
 
 def touching(lane: Simulator) -> float:
     """Return the penetration depth of the robot, or of what it holds, in [m], 0 without contact."""
-    contact, scene = lane.data.contact, lane.scene
-    geoms, distance = contact.geom, contact.dist
+    scene = lane.scene
+    geoms = lane.data.contact.geom
+    distance = lane.data.contact.dist
     if not len(distance):
         return 0.0
     ours = scene.robot_geoms[geoms]
     if lane.held >= 0:
         ours |= np.isin(geoms, scene.object_geoms[lane.held])
     between = ours[:, 0] != ours[:, 1]
-    return float(max(0.0, -distance[between].min())) if between.any() else 0.0
+    if not between.any():
+        return 0.0
+    return float(max(0.0, -distance[between].min()))
 
 
-SPREAD, FARTHEST = 0.025, 0.05
+SPREAD = 0.025
+FARTHEST = 0.05
 """Noise of the gripper point per axis in [m]: standard deviation and clip (M3)."""
 REST_POSES = 1024
 """Number of poses that are solved once; start states draw from them (our choice)."""
@@ -122,21 +126,24 @@ REACHED = 0.001
 
 
 def draw_arm(rng: np.random.Generator) -> FloatArray:
-    """Draw joint angles with the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m. Shape (7,)."""
+    """Draw joint angles of the arm: the gripper point at rest plus N(0, 0.025 m) per axis, clipped at 0.05 m.
+
+    Shape (joints,).
+    """
     poses = rest_poses()
     return np.asarray(poses[int(rng.integers(len(poses)))])
 
 
 @lru_cache(maxsize=1)
 def rest_poses() -> FloatArray:
-    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. (n, 7)."""
+    """Return poses with the gripper oriented as at rest, without those beyond the wrist's limit. (n, joints)."""
     rng = np.random.Generator(np.random.PCG64(0))
-    points = np.asarray(REST_POSITION) + np.clip(rng.normal(0.0, SPREAD, (REST_POSES, 3)), -FARTHEST, FARTHEST)
-    arm = np.tile(REST_ARM, (REST_POSES, 1))
-    upright = gripper_pose(TORSO_HEIGHT, np.asarray(REST_ARM))[1]
+    points = ROBOT.rest_position + np.clip(rng.normal(0.0, SPREAD, (REST_POSES, 3)), -FARTHEST, FARTHEST)
+    arm = np.tile(ROBOT.rest_arm, (REST_POSES, 1))
+    upright = gripper_pose(ROBOT.torso_height, ROBOT.rest_arm)[1]
     for _ in range(30):
-        arm = arm + toward(arm, points - gripper_pose(TORSO_HEIGHT, arm)[0], rotation=upright, largest=0.2)
-    reached = np.abs(points - gripper_pose(TORSO_HEIGHT, arm)[0]).max(axis=1) < REACHED
+        arm = arm + toward(arm, points - gripper_pose(ROBOT.torso_height, arm)[0], rotation=upright, largest=0.2)
+    reached = np.abs(points - gripper_pose(ROBOT.torso_height, arm)[0]).max(axis=1) < REACHED
     found: FloatArray = arm[reached]
     found.flags.writeable = False
     return found
@@ -146,9 +153,11 @@ NEAR = 2.0
 """Largest distance from the object or goal at which pick or place begins in [m] (M3)."""
 IN_FRONT = 0.5
 """Cosine of the largest angle from a container's open side at which the robot begins (our choice)."""
-POSITION_NOISE, POSITION_CLIP = 0.1, 0.2
+POSITION_NOISE = 0.1
+POSITION_CLIP = 0.2
 """Noise of the base position per axis in [m]: standard deviation and clip (M3)."""
-HEADING_NOISE, HEADING_CLIP = 0.25, 0.5
+HEADING_NOISE = 0.25
+HEADING_CLIP = 0.5
 """Noise of the heading in [rad]: standard deviation and clip (M3)."""
 
 
@@ -161,8 +170,8 @@ class Rectangle:
 
     def contains(self, local: FloatArray) -> BoolArray:
         """Return which points of the rectangle's frame are inside. Shape (n, 2) -> (n,)."""
-        x, y = local[:, 0], np.abs(local[:, 1])
-        return (x >= self.x[0]) & (x <= self.x[1]) & (y <= self.half_width)
+        x = local[:, 0]
+        return (x >= self.x[0]) & (x <= self.x[1]) & (np.abs(local[:, 1]) <= self.half_width)
 
 
 def stand_near(
@@ -226,7 +235,8 @@ def _draw(cells: FloatArray, point: tuple[float, float, float], rng: np.random.G
     x, y = _cell(cells, rng)
     dx, dy = np.clip(rng.normal(0.0, POSITION_NOISE, 2), -POSITION_CLIP, POSITION_CLIP)
     turn = float(np.clip(rng.normal(0.0, HEADING_NOISE), -HEADING_CLIP, HEADING_CLIP))
-    x, y = x + float(dx), y + float(dy)
+    x += float(dx)
+    y += float(dy)
     return Pose(x, y, float(np.arctan2(point[1] - y, point[0] - x)) + turn)
 
 
@@ -237,9 +247,12 @@ def _cell(cells: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
     return float(x), float(y)
 
 
-OPEN_RADIUS, GROW_BY, GROW_TO = 0.8, 0.1, 2.0
+OPEN_RADIUS = 0.8
+GROW_BY = 0.1
+GROW_TO = 2.0
 """In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
-BEFORE_DRAWER, BEFORE_FRIDGE = Rectangle((0.30, 0.45), 0.35), Rectangle((1.0, 1.8), 0.5)
+BEFORE_DRAWER = Rectangle((0.30, 0.45), 0.35)
+BEFORE_FRIDGE = Rectangle((1.0, 1.8), 0.5)
 """Regions for reaching into an open container, in the frame of `front_frame`.
 
 They are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (our choice):
@@ -267,7 +280,8 @@ def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple
     cell within 2 m of a point in the open.
     """
     space = free_space(apartment, opened)
-    centers, main = space.centers, space.island == 0
+    centers = space.centers
+    main = space.island == 0
     if aim.link is None:
         away = np.hypot(*(centers - np.asarray(aim.point)[:2]).T)
         for radius in np.arange(OPEN_RADIUS, GROW_TO + 1e-9, GROW_BY):
@@ -294,12 +308,14 @@ def keep_apart(goal: SkillGoal, stood: Sequence[ArrayLike]) -> SkillGoal:
     """Return the goal of a navigation to a further attempt: the cells of its region away from where others stood."""
     if not len(stood) or goal.route is None:
         return goal
-    space, cells = goal.route.space, np.flatnonzero(goal.route.values == 0.0)
+    space = goal.route.space
+    cells = np.flatnonzero(goal.route.values == 0.0)
     away = np.linalg.norm(space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
     return replace(goal, route=space.distances(cells[away >= min(APART, away.max())]))
 
 
-DRAWER_OPEN, FRIDGE_OPEN = (0.4, 0.5), (1.5, 2.35)
+DRAWER_OPEN = (0.4, 0.5)
+FRIDGE_OPEN = (1.5, 2.35)
 """Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
 
 
@@ -365,7 +381,8 @@ def carried(episode: Episode, target: int, opened: Mapping[str, float]) -> dict[
     link = episode.apartment().receptacle(placement.receptacle).link
     if link is None or link not in opened:
         return {}
-    moving, pose = episode.apartment().articulation(link), episode.apartment().piece_of(link).pose
+    moving = episode.apartment().articulation(link)
+    pose = episode.apartment().piece_of(link).pose
     way = (opened[link] - episode.opened.get(link, 0.0)) * np.asarray(moving.axis)
     x, y, z = pose.to_room(pose.to_local(np.asarray(placement.position)) + way)
     return {0: replace(placement, position=(float(x), float(y), float(z)))}
@@ -416,7 +433,8 @@ def plan_starts_file(task: str) -> Path:
 
 def read_plan_starts(task: str, skill: str) -> list[PlanStart]:
     """Return the recorded start states of a skill; PerdureError when nothing was recorded."""
-    if not (path := plan_starts_file(task)).exists():
+    path = plan_starts_file(task)
+    if not path.exists():
         raise PerdureError(f"{path} is missing: `perdure home train` or `record_plan_starts({task!r})` makes it")
     return [row for row in read_json(path.read_bytes(), list[PlanStart]) if row.step[0] == skill]
 

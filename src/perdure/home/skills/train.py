@@ -19,7 +19,7 @@ from perdure.horizon import Countdown
 from perdure.learn import PPOConfig, method_config
 from perdure.learn.run import TrainRun, train
 from perdure.policy import Policy
-from perdure.runs import Observer, file_digest
+from perdure.runs import file_digest
 
 HIDDEN = (256, 256)
 
@@ -33,11 +33,9 @@ def train_skill(
     *,
     method: str = "ppo",
     cores: int | None = None,
-    on: str = "here",
-    observe: Observer = lambda status: None,
     **options: object,
 ) -> list[Path]:
-    """Train a skill with its recipe; the same call resumes an interrupted training.
+    """Train a skill on this machine with its recipe; the same call resumes an interrupted training.
 
     Args:
         skill: Name of the skill.
@@ -47,15 +45,12 @@ def train_skill(
         total_steps: Environment steps in place of the recipe's.
         method: A key of `perdure.learn.METHODS`; the runs of another method than ppo lie in SKILL-METHOD.
         cores: Number of cores; all by default.
-        on: Where to train, see `perdure.learn.train`.
-        observe: Called with the progress of every seed.
         options: Options of the environment, such as `delta`.
 
     Returns:
         The policy files, one for each seed.
     """
-    run = skill_run(skill, task, seeds, total_steps, method, **options)
-    return train(run, out, cores=cores, on=on, observe=observe)
+    return train(skill_run(skill, task, seeds, total_steps, method, **options), out, cores=cores)
 
 
 def skill_run(
@@ -69,10 +64,14 @@ def skill_run(
     """Return what `train_skill` trains, with the digest of the start states that are recorded so far."""
     config = skill_config(skill, task, total_steps, method=method, **options)
     command = train_command(skill, task, total_steps, options, method)
-    name = skill if method == "ppo" else f"{skill}-{method}"
+    name = skill
+    if method != "ppo":
+        name = f"{skill}-{method}"
     env_options = {**get_skill(skill).recipe_on(task).env_options, **options}
+    inputs = ""
     starts = plan_starts_file(task)
-    inputs = file_digest(starts) if env_options.get("training") and starts.exists() else ""
+    if env_options.get("training") and starts.exists():
+        inputs = file_digest(starts)
     return TrainRun(skill_task(skill, task, **env_options), name, config, seeds, command, inputs=inputs)
 
 
@@ -89,7 +88,8 @@ def skill_config(
     config = method_config(method, task, len(made.elements), limit=made.limit)
     settings: dict[str, Any] = {"hidden_sizes": HIDDEN, "learning_rate_decay": "linear", "segment_steps": 100_000}
     settings |= {each.name: getattr(recipe, each.name) for each in fields(PPOConfig) if hasattr(recipe, each.name)}
-    settings |= {} if total_steps is None else {"total_steps": total_steps}
+    if total_steps is not None:
+        settings["total_steps"] = total_steps
     return replace(config, **settings)
 
 
@@ -103,7 +103,10 @@ def train_command(
     skill: str, task: str, total_steps: int | None, options: Mapping[str, object], method: str = "ppo"
 ) -> str:
     """Return the command that trains `{seed}` again; a Python call for options without a flag."""
-    how, variant = {} if method == "ppo" else {"method": method}, variant_name(options)
+    how = {}
+    if method != "ppo":
+        how["method"] = method
+    variant = variant_name(options)
     if variant or not options:
         flags = {"task": task, "variant": variant, **how, "seeds": "{seed}", "steps": total_steps}
         words = [f"--{name} {value}" for name, value in flags.items() if value is not None]
@@ -130,9 +133,11 @@ class SkillScore:
 
     def summary(self) -> str:
         """Return the score as one line."""
-        n, endings = len(self.success), ", ".join(f"{name} {count}" for name, count in self.failures.most_common())
-        steps = f", {self.steps[self.success].mean():.0f} steps" if self.success.any() else ""
-        return f"{self.rate:.3f} of {n} episodes{steps}; {endings or 'no failure'}"
+        words = f"{self.rate:.3f} of {len(self.success)} episodes"
+        if self.success.any():
+            words += f", {self.steps[self.success].mean():.0f} steps"
+        endings = ", ".join(f"{name} {count}" for name, count in self.failures.most_common())
+        return f"{words}; {endings or 'no failure'}"
 
 
 def evaluate_skill(
@@ -153,9 +158,11 @@ def evaluate_skill(
     lanes = min(lanes, count)
     env = HomeSkillVectorEnv(lanes, skill=skill, **{"split": "val", "clutter": True, **options})
     limit = env.skill.limit
-    rounds, clock = -(-count // lanes), Countdown(limit) if policy.has_clock else None
-    success, steps, failures = [], [], Counter[str]()
-    left = np.full(lanes, rounds)
+    clock = Countdown(limit) if policy.has_clock else None
+    success = []
+    steps = []
+    failures = Counter[str]()
+    left = np.full(lanes, -(-count // lanes))
     observations, _ = env.reset(seed=seed)
     elapsed = np.zeros(lanes, dtype=np.int64)
     try:
@@ -163,14 +170,15 @@ def evaluate_skill(
             actions = np.asarray(policy.act(observations, elapsed, clock), dtype=np.float64)
             observations, _, terminated, truncated, info = env.step(actions)
             elapsed = info["elapsed"].copy()
+
+            # Count the episodes that end in this step, but not those beyond a lane's share.
             over = terminated | truncated | (elapsed >= limit)
             for lane in np.flatnonzero(over & (left > 0)):
                 left[lane] -= 1
                 success.append(bool(info["success"][lane]))
                 steps.append(int(elapsed[lane]))
                 if not success[-1]:
-                    label = "diverged" if info["diverged"][lane] else str(info["failure"][lane])
-                    failures[_time_out(env, int(lane)) if label == "none" else label] += 1
+                    failures[_ending(env, int(lane), info)] += 1
             if over.any():
                 observations, _ = env.reset(options={"reset_mask": over})
                 elapsed[over] = 0
@@ -179,7 +187,12 @@ def evaluate_skill(
     return SkillScore(np.array(success), np.array(steps), failures)
 
 
-def _time_out(env: HomeSkillVectorEnv, lane: int) -> str:
+def _ending(env: HomeSkillVectorEnv, lane: int, info: Mapping[str, Any]) -> str:
+    """Return how a lane's episode ended without success, see `SkillScore.failures`."""
+    if info["diverged"][lane]:
+        return "diverged"
+    if info["failure"][lane] != "none":
+        return str(info["failure"][lane])
     row = np.array([lane])
     unmet = env.skill.unmet(env.state[row], env.progress[row])
     return ", ".join(["time-out", *[condition for condition, true in unmet.items() if true[0]][:1]])

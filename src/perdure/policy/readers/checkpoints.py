@@ -63,12 +63,14 @@ def import_cleanrl(
             made, or model, statistics and environment do not fit together.
         OSError: If a file cannot be read.
     """
-    path, spec = Path(path), task_spec(task_of_environment(env))
+    path = Path(path)
+    spec = task_spec(task_of_environment(env))
     state = TorchState(read_bounded(path, MAX_BYTES), str(path))
     if "actor_logstd" not in state.names:
         raise PerdureError(f"{path} is not a model of CleanRL's ppo_continuous_action: it holds {state.names[:8]}")
     weights = {"log_std": state.array("actor_logstd").reshape(-1)}
-    weights |= {name: each for ours, theirs in _NETWORKS.items() for name, each in _layers(state, ours, theirs, path)}
+    for ours, theirs in _NETWORKS.items():
+        weights.update(_layers(state, ours, theirs, path))
     _check_sizes(weights, spec, str(path))
     horizon = Fixed(resolve_training_horizon(spec, training_horizon))
     policy = Policy(
@@ -79,7 +81,9 @@ def import_cleanrl(
         protocol=HorizonProtocol(None, horizon, "terminated", GAMMA, GAMMA),
         provenance=_provenance(path, env, "CleanRL PPO"),
     )
-    return replace(policy, reference=measure_reference(policy)) if measure else policy
+    if measure:
+        policy = replace(policy, reference=measure_reference(policy))
+    return policy
 
 
 _ACTORS = ("actor_state_dict.mlp", "model_state_dict.actor")
@@ -118,10 +122,12 @@ def import_rsl_rl(
             cannot be made, or they do not fit together.
         OSError: If the file cannot be read.
     """
-    path, spec = Path(path), task_spec(task_of_environment(env))
+    path = Path(path)
+    spec = task_spec(task_of_environment(env))
     state = TorchState(read_bounded(path, MAX_BYTES), str(path))
     prefix = next((each for each in _ACTORS if f"{each}.0.weight" in state.names), None)
-    if unknown := [name for name in state.names if not _KNOWN.match(name)]:
+    unknown = [name for name in state.names if not _KNOWN.match(name)]
+    if unknown:
         raise PerdureError(
             f"{path}: its actor is no plain perceptron, it has {unknown[0][:80]!r}: export it with "
             "runner.export_policy_to_onnx(folder), and evaluate policy.onnx"
@@ -131,10 +137,13 @@ def import_rsl_rl(
     weights = dict(_layers(state, "policy", prefix, path))
     _check_sizes(weights, spec, str(path))
     normalizer = Normalizer.identity(spec.observation_size)
-    if each := next((each for each in _STATISTICS if f"{each}._mean" in state.names), None):
-        mean, std = (state.array(f"{each}.{part}").astype(np.float64).ravel() for part in ("_mean", "_std"))
+    statistics = next((each for each in _STATISTICS if f"{each}._mean" in state.names), None)
+    if statistics is not None:
+        mean = state.array(f"{statistics}._mean").astype(np.float64).ravel()
+        std = state.array(f"{statistics}._std").astype(np.float64).ravel()
         normalizer = checked_normalizer(mean, (std + RSL_RL_EPSILON) ** 2, LARGEST_OBSERVATION, 0.0, str(path))
-    name, horizon = activation or _activation(path), Fixed(resolve_training_horizon(spec, training_horizon))
+    name = activation or _activation(path)
+    horizon = Fixed(resolve_training_horizon(spec, training_horizon))
     policy = Policy(
         task=TaskInfo.of(spec),
         weights=weights,
@@ -143,15 +152,19 @@ def import_rsl_rl(
         protocol=HorizonProtocol(None, horizon, "truncated", GAMMA, GAMMA),
         provenance=_provenance(path, env, "rsl_rl"),
     )
-    return replace(policy, reference=measure_reference(policy)) if measure else policy
+    if measure:
+        policy = replace(policy, reference=measure_reference(policy))
+    return policy
 
 
 def _activation(path: Path) -> str:
     written = path.parent / "params" / "agent.yaml"
-    text = read_bounded(written, 1_000_000).decode("utf-8", "replace") if written.is_file() else ""
-    text = re.split(r"^ *critic:", text, flags=re.MULTILINE)[0]
-    if len(found := set(re.findall(r"^ +activation: *['\"]?(\w+)", text, re.MULTILINE))) == 1:
-        return str(found.pop())
+    if written.is_file():
+        text = read_bounded(written, 1_000_000).decode("utf-8", "replace")
+        actor = re.split(r"^ *critic:", text, flags=re.MULTILINE)[0]
+        found = set(re.findall(r"^ +activation: *['\"]?(\w+)", actor, re.MULTILINE))
+        if len(found) == 1:
+            return str(found.pop())
     text = f"{path} does not name its activation function, nor does {written}; elu is assumed, rsl_rl's default"
     warnings.warn(PerdureWarning(text), stacklevel=3)
     return "elu"
@@ -175,12 +188,13 @@ def _layers(state: TorchState, ours: str, theirs: str, path: Path) -> Iterator[t
 
 def _check_sizes(weights: dict[str, NDArray[np.float32]], spec: TaskSpec, what: str) -> None:
     biases = [weights[name] for name in weights if name.startswith("policy.") and name.endswith(".bias")]
-    sizes, needed = (len(weights["policy.0.weight"]), len(biases[-1])), (spec.observation_size, spec.action_size)
-    if sizes != needed or spec.discrete_actions:
+    inputs = len(weights["policy.0.weight"])
+    outputs = len(biases[-1])
+    if (inputs, outputs) != (spec.observation_size, spec.action_size) or spec.discrete_actions:
         kind = "discrete" if spec.discrete_actions else "continuous"
         raise PerdureError(
-            f"{what}: its network takes {sizes[0]} numbers and gives {sizes[1]}, but {spec.name} gives {needed[0]} and "
-            f"takes {needed[1]} ({kind})"
+            f"{what}: its network takes {inputs} numbers and gives {outputs}, but {spec.name} gives "
+            f"{spec.observation_size} and takes {spec.action_size} ({kind})"
         )
 
 
@@ -196,8 +210,9 @@ def _normalizer(given: Any, spec: TaskSpec, what: str) -> Normalizer:
     try:
         if isinstance(given, str | Path):
             given = _read_statistics(Path(given))
-        both = given if isinstance(given, Sequence | np.ndarray) else (given.mean, given.var)
-        mean, var = (np.array(each, np.float64) for each in both)
+        if not isinstance(given, Sequence | np.ndarray):
+            given = (given.mean, given.var)
+        mean, var = (np.array(each, np.float64) for each in given)
     except PerdureError:
         raise
     except (AttributeError, TypeError, ValueError) as error:

@@ -46,7 +46,9 @@ class Stub:
     def __new__(cls, *arguments: Any) -> Stub:
         """Keep the arguments of the call."""
         stub = super().__new__(cls)
-        stub.arguments, stub.state, stub.items = arguments, None, {}
+        stub.arguments = arguments
+        stub.state = None
+        stub.items = {}
         return stub
 
 
@@ -79,10 +81,13 @@ class _Reader(_Unpickler):  # type: ignore[misc]
 
     def __init__(self, data: bytes, allowed: Collection[str], what: str) -> None:
         super().__init__(io.BytesIO(data))
-        self._allowed, self._what, self._stubs = allowed, what, dict[str, type[Stub]]()
+        self._allowed = allowed
+        self._what = what
+        self._stubs: dict[str, type[Stub]] = {}
 
     def find_class(self, module: str, name: str) -> type[Stub]:
-        if (path := f"{module}.{name}") not in self._allowed:
+        path = f"{module}.{name}"
+        if path not in self._allowed:
             raise PerdureError(
                 f"{self._what} asks for the Python object {path[:100]!r}, which was not run; if it is a model of "
                 "Stable-Baselines3 that you trust, give --trust (trust=True in Python)"
@@ -102,7 +107,8 @@ class _Reader(_Unpickler):  # type: ignore[misc]
         self.stack[-1].state = state
 
     def load_setitem(self) -> None:
-        value, key = self.stack.pop(), self.stack.pop()
+        value = self.stack.pop()
+        key = self.stack.pop()
         self._update([key, value])
 
     def load_setitems(self) -> None:
@@ -137,35 +143,56 @@ def read_numbers(node: Any, what: str) -> NDArray[np.float64]:
         PerdureError: If these are no real numbers, or data and shape do not fit.
     """
     try:
-        return np.asarray(float(node)) if isinstance(node, int | float) else _array(node).astype(np.float64)
+        if isinstance(node, int | float):
+            return np.asarray(float(node))
+        return _array(node).astype(np.float64)
     except (TypeError, ValueError, AttributeError, OverflowError, LookupError):
         raise PerdureError(f"{what} is not an array of real numbers") from None
 
 
 def _array(node: Any) -> NDArray[Any]:
-    if node.function in RECONSTRUCT:
-        _, shape, kind, fortran, data = node.state
-        order = "F" if fortran else "C"
-    elif node.function in FROM_BUFFER:
-        data, kind, shape, order = node.arguments
-    elif node.function in SCALAR:
-        (kind, data), shape, order = node.arguments, (), "C"
-    else:
-        raise TypeError
+    data, kind, shape, order = _described_array(node)
     if isinstance(data, Stub) and data.function == "_codecs.encode":  # bytes, as old pickle protocols write them
         data = data.arguments[0].encode("latin-1")
-    name = kind.arguments[0]
-    if kind.function != "numpy.dtype" or not re.fullmatch(r"[fiu][1248]|b1", name):
-        raise TypeError
-    byte_order = "<" if kind.state is None else kind.state[1]
-    dtype = np.dtype(name).newbyteorder(byte_order if byte_order in ("<", ">") else "=")
+    dtype = _number_type(kind)
     # Before their product, which takes minutes if a file names a million of them.
     if len(shape) > MAX_DIMENSIONS or not all(type(length) is int and length >= 0 for length in shape):
         raise TypeError
-    if math.prod(shape) * dtype.itemsize != len(data) or order not in ("C", "F"):
+    if math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError
-    array: NDArray[Any] = np.frombuffer(bytes(data), dtype).reshape(tuple(shape), order="F" if order == "F" else "C")
-    return array
+    numbers: NDArray[Any] = np.frombuffer(bytes(data), dtype)
+    if order == "C":
+        return numbers.reshape(tuple(shape))
+    if order == "F":
+        return numbers.reshape(tuple(shape), order="F")
+    raise ValueError
+
+
+def _described_array(node: Any) -> tuple[Any, Any, Any, Any]:
+    """Return data, number type, shape and order of an array or scalar; TypeError if the object is neither."""
+    if node.function in RECONSTRUCT:
+        _, shape, kind, fortran, data = node.state
+        return data, kind, shape, "F" if fortran else "C"
+    if node.function in FROM_BUFFER:
+        data, kind, shape, order = node.arguments
+        return data, kind, shape, order
+    if node.function in SCALAR:
+        kind, data = node.arguments
+        return data, kind, (), "C"
+    raise TypeError
+
+
+def _number_type(kind: Any) -> np.dtype[Any]:
+    name = kind.arguments[0]
+    if kind.function != "numpy.dtype" or not re.fullmatch(r"[fiu][1248]|b1", name):
+        raise TypeError
+    byte_order = "<"
+    if kind.state is not None:
+        byte_order = kind.state[1]
+    if byte_order not in ("<", ">"):
+        byte_order = "="
+    dtype: np.dtype[Any] = np.dtype(name).newbyteorder(byte_order)
+    return dtype
 
 
 MAX_MEMBERS = 10_000
@@ -206,7 +233,8 @@ class ZipMembers:
         Raises:
             PerdureError: If it is missing, damaged or larger than the limit.
         """
-        if (member := self._members.get(name)) is None:
+        member = self._members.get(name)
+        if member is None:
             raise PerdureError(f"{self._what} has no member {name!r}: no model of Stable-Baselines3; see {MANUAL}")
         if member.file_size > limit:
             raise PerdureError(
@@ -257,12 +285,13 @@ class TorchState:
         if f"{self._folder}constants.pkl" in self._members.names:
             raise PerdureError(f"{what} is TorchScript, which is code and not run; use ONNX: {MANUAL}#torchscript")
         state = read_pickle(self._read("data.pkl", MAX_DESCRIPTION), ALLOWED, what)
-        parts = {f"{name}.": each for name, each in state.items()} if isinstance(state, dict) else {"": state}
-        self._tensors = {
-            part + str(name): tensor
-            for part, each in parts.items()
-            for name, tensor in (each.items.items() if isinstance(each, Stub) else ())
-        }
+        parts = {"": state}
+        if isinstance(state, dict):
+            parts = {f"{name}.": part for name, part in state.items()}
+        self._tensors = {}
+        for prefix, part in parts.items():
+            if isinstance(part, Stub):
+                self._tensors.update({f"{prefix}{name}": tensor for name, tensor in part.items.items()})
         if not self._tensors:
             raise PerdureError(f"{what} is not a state dict of PyTorch")
 

@@ -8,7 +8,6 @@ activation function, the shape and the bounds of a space.
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,7 +25,8 @@ from perdure.runs import read_bounded
 USE_A_FUNCTION = "perdure.extrapolate(function, env=...) takes any function from observations to actions"
 """Where policies go that cannot be read."""
 ACTOR_CRITIC = "stable_baselines3.common.policies"
-SAC, TQC = "stable_baselines3.sac.policies", "sb3_contrib.tqc.policies"
+SAC = "stable_baselines3.sac.policies"
+TQC = "sb3_contrib.tqc.policies"
 TD3 = "stable_baselines3.td3.policies"
 FLATTEN_EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
 """The features extractor that changes nothing."""
@@ -86,10 +86,12 @@ def read_sb3(path: Path) -> Sb3Model:
     members = ZipMembers(read_bounded(path, MAX_FILE), what)
     settings = read_settings(members.read("data", MAX_SETTINGS), what)
     state = TorchState(members.read("policy.pth", MAX_WEIGHTS), f"{what}: policy.pth")
-    version = "_stable_baselines3_version"
-    written = members.read(version, 100).decode("ascii", "replace") if version in members.names else ""
-    layers = read_layers(state.names, state.array, settings, what)
-    return Sb3Model(settings, layers, written if re.fullmatch(r"[\w.]+", written) else "")
+    version = ""
+    if "_stable_baselines3_version" in members.names:
+        version = members.read("_stable_baselines3_version", 100).decode("ascii", "replace")
+    if not re.fullmatch(r"[\w.]+", version):
+        version = ""
+    return Sb3Model(settings, read_layers(state.names, state.array, settings, what), version)
 
 
 def is_sb3_zip(path: Path) -> bool:
@@ -141,14 +143,17 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
     kwargs = _table(values, "policy_kwargs")
     module = _policy_module(_table(values, "policy_class"), what)
     _check_kwargs(kwargs, what)
-    squashed = module != ACTOR_CRITIC or kwargs.get("squash_output") is True
     clip = _float(kwargs.get("clip_mean", 2.0), "clip_mean", what)
-    limited = module in (SAC, TQC) and values.get("use_sde") is True and clip > 0  # cut to +-clip before tanh
+    squash = None
+    if module in (SAC, TQC) and values.get("use_sde") is True and clip > 0:
+        squash = TanhSquash(clip)
+    elif module != ACTOR_CRITIC or kwargs.get("squash_output") is True:
+        squash = TanhSquash()
     return Sb3Settings(
         algorithm=next((name for name, sign in _SIGNS if sign in values), "model"),
         policy_module=module,
         activation=_activation(kwargs, module, what),
-        squash=TanhSquash(clip if limited else math.inf) if squashed else None,
+        squash=squash,
         action_bounds=bounds,
         gamma=_float(values.get("gamma", 0.99), "gamma", what),
         behind_vecnormalize=module == ACTOR_CRITIC and values.get("_last_original_obs") is not None,
@@ -160,7 +165,9 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
     table = values.get(name)
-    return table if isinstance(table, dict) else {}
+    if not isinstance(table, dict):
+        return {}
+    return table
 
 
 def _check_observations(space: dict[str, Any], what: str) -> None:
@@ -172,8 +179,11 @@ def _check_observations(space: dict[str, Any], what: str) -> None:
 
 def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     _check_box(space, what, "actions; only continuous ones")
-    low, high = (_written_numbers(space.get(name)) for name in ("low", "high"))
-    return None if low is None or high is None else (low, high)
+    low = _written_numbers(space.get("low"))
+    high = _written_numbers(space.get("high"))
+    if low is None or high is None:
+        return None
+    return low, high
 
 
 def _written_numbers(text: Any) -> NDArray[np.float64] | None:
@@ -188,14 +198,17 @@ def _written_numbers(text: Any) -> NDArray[np.float64] | None:
 
 def _check_box(space: dict[str, Any], what: str, words: str) -> None:
     found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", _short(space.get(":type:")))
-    if (kind := found[1] if found else "unknown") != "Box":
+    kind = found[1] if found else "unknown"
+    if kind != "Box":
         raise PerdureError(f"{what} is for {kind} {words} (Box) are read from zips: {USE_A_FUNCTION}")
 
 
 def _policy_module(policy_class: dict[str, Any], what: str) -> str:
     module = policy_class.get("__module__")
     if not isinstance(module, str) or module not in DEFAULT_ACTIVATION:
-        memory = " (for RecurrentPPO, its predict with recurrent=True)" if "recurrent" in _short(module) else ""
+        memory = ""
+        if "recurrent" in _short(module):
+            memory = " (for RecurrentPPO, its predict with recurrent=True)"
         raise PerdureError(
             f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
             f"and TD3{memory}: {USE_A_FUNCTION}"
@@ -204,15 +217,18 @@ def _policy_module(policy_class: dict[str, Any], what: str) -> str:
 
 
 def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
-    unknown = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
-    extractor = _short(kwargs.get("features_extractor_class", FLATTEN_EXTRACTOR))
-    if unknown or extractor != FLATTEN_EXTRACTOR:
-        name = unknown[0] if unknown else "features_extractor_class"
-        raise PerdureError(f"{what}: its policy has the setting {_short(name)}, which is not read: {USE_A_FUNCTION}")
+    unread = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
+    if _short(kwargs.get("features_extractor_class", FLATTEN_EXTRACTOR)) != FLATTEN_EXTRACTOR:
+        unread.append("features_extractor_class")
+    if unread:
+        raise PerdureError(
+            f"{what}: its policy has the setting {_short(unread[0])}, which is not read: {USE_A_FUNCTION}"
+        )
 
 
 def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
-    if (written := kwargs.get("activation_fn")) is None:
+    written = kwargs.get("activation_fn")
+    if written is None:
         return DEFAULT_ACTIVATION[module]
     found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", _short(written))
     if found is None or found[1] not in TORCH_ACTIVATIONS:
@@ -230,15 +246,18 @@ def _float(value: Any, name: str, what: str) -> float:
 
 
 def _whole(value: Any) -> int | None:
-    return value if type(value) is int and 0 <= value < 2**63 else None
+    if type(value) is int and 0 <= value < 2**63:
+        return value
+    return None
 
 
 def _short(value: Any) -> str:
     """Return a value from the file for a message: printable, and not long."""
-    if isinstance(value, dict | list):  # perhaps nested too deeply to be written out
-        return "a list" if isinstance(value, list) else "a table"
-    text = value if isinstance(value, str) else str(value)
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:120])
+    if isinstance(value, list):  # perhaps nested too deeply to be written out
+        return "a list"
+    if isinstance(value, dict):
+        return "a table"
+    return "".join(letter if letter.isprintable() else "?" for letter in str(value)[:120])
 
 
 # Weights
@@ -271,22 +290,26 @@ def _layer_names(names: list[str], settings: Sb3Settings, what: str) -> list[str
         layers.append("action_net")
     elif settings.policy_module in (SAC, TQC):
         known = rf"actor\.latent_pi{_LAYER}|actor\.(mu|log_std)(\.0)?\.(weight|bias)|actor\.log_std|critic.*"
-        layers = [*_numbered(names, "actor.latent_pi"), "actor.mu.0" if "actor.mu.0.weight" in names else "actor.mu"]
+        layers = list(_numbered(names, "actor.latent_pi"))
+        if "actor.mu.0.weight" in names:
+            layers.append("actor.mu.0")
+        else:
+            layers.append("actor.mu")
     else:
         assert settings.policy_module == TD3
         known = rf"actor\.mu{_LAYER}|(actor_target|critic).*"
         layers = list(_numbered(names, "actor.mu"))
     unknown = [name for name in names if not re.fullmatch(known, name)]
     if unknown or not layers:
-        part = "".join(letter for letter in unknown[0][:80] if letter.isprintable()) if unknown else "no layers"
+        part = "no layers"
+        if unknown:
+            part = "".join(letter for letter in unknown[0][:80] if letter.isprintable())
         raise PerdureError(f"{what}: its policy is not a plain perceptron, it has {part!r}: {USE_A_FUNCTION}")
     return layers
 
 
 def _numbered(names: list[str], prefix: str) -> Iterator[str]:
     """Yield PREFIX.0, PREFIX.2, ...: between them stand the activation functions, which have no weights."""
-    found = {
-        int(match[1]) for name in names if (match := re.fullmatch(rf"{re.escape(prefix)}\.(\d{{1,4}})\.weight", name))
-    }
-    for place in sorted(found):
+    found = [re.fullmatch(rf"{re.escape(prefix)}\.(\d{{1,4}})\.weight", name) for name in names]
+    for place in sorted({int(match[1]) for match in found if match}):
         yield f"{prefix}.{place}"

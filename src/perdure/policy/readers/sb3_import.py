@@ -31,9 +31,8 @@ MAX_FILE = 64_000_000
 VEC_NORMALIZE = "stable_baselines3.common.vec_env.vec_normalize.VecNormalize"
 RUNNING_MEAN_STD = "stable_baselines3.common.running_mean_std.RunningMeanStd"
 _SPACES = {
-    f"{library}.spaces.{space}"
-    for library in ("gym", "gymnasium")
-    for space in ("box.Box", "dict.Dict", "discrete.Discrete")
+    *(f"gym.spaces.{space}" for space in ("box.Box", "dict.Dict", "discrete.Discrete")),
+    *(f"gymnasium.spaces.{space}" for space in ("box.Box", "dict.Dict", "discrete.Discrete")),
 }
 _RANDOM = {
     *(f"numpy.random._pickle.{name}" for name in ("__generator_ctor", "__bit_generator_ctor", "__randomstate_ctor")),
@@ -77,13 +76,19 @@ def import_sb3(
     """
     task = task_of_environment(env)
     spec = task_spec(task)
-    path, written = Path(path), _written(normalizer)
+    path = Path(path)
+    written = _written(normalizer)
+    read_model = read_sb3
+    read_statistics = read_vecnormalize
     if trust:
         from perdure.policy.readers.trusted import load_sb3, load_vecnormalize
 
-        model, statistics = load_sb3(path), None if written is None else load_vecnormalize(written)
-    else:
-        model, statistics = read_sb3(path), None if written is None else read_vecnormalize(written)
+        read_model = load_sb3
+        read_statistics = load_vecnormalize
+    model = read_model(path)
+    statistics = None
+    if written is not None:
+        statistics = read_statistics(written)
     if normalizer is None and model.settings.behind_vecnormalize:
         raise PerdureError(
             f"{path} was trained behind VecNormalize: give the file that its save() wrote with --normalizer "
@@ -91,9 +96,13 @@ def import_sb3(
         )
     _warn_of_normalizer(model, normalizer, written, statistics, str(path))
     steps = _time_feature_steps(time_feature)
-    horizon = resolve_training_horizon(spec, training_horizon if training_horizon is not None else steps)
+    if training_horizon is not None:
+        horizon = resolve_training_horizon(spec, training_horizon)
+    else:
+        horizon = resolve_training_horizon(spec, steps)
     if time_feature is not None:
-        steps, limit = steps or horizon, training_horizon or spec.default_horizon
+        steps = steps or horizon
+        limit = training_horizon or spec.default_horizon
         if steps != limit and (training_horizon is not None or spec.has_step_limit):
             warnings.warn(
                 f"the time feature counts down from {steps} steps, but episodes of {spec.name} end after {limit}; "
@@ -101,9 +110,11 @@ def import_sb3(
                 PerdureWarning,
                 stacklevel=2,
             )
-    policy = _policy(model, spec, statistics, (steps, horizon), str(path))
+    policy = _policy(model, spec, statistics, steps, horizon, str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
-    return replace(policy, reference=measure_reference(policy)) if measure else policy
+    if measure:
+        policy = replace(policy, reference=measure_reference(policy))
+    return policy
 
 
 def import_file(path: Path, env: str, **options: Any) -> Policy:
@@ -113,7 +124,8 @@ def import_file(path: Path, env: str, **options: Any) -> Policy:
     if path.suffix.lower() != ".pt":
         return import_sb3(path, env, **options)
     horizon = options.pop("training_horizon", None)
-    if given := [f"--{name.replace('_', '-')}" for name, value in options.items() if value not in (None, False)]:
+    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value not in (None, False)]
+    if given:
         raise PerdureError(f"{', '.join(given)}: only for Stable-Baselines3 models; {path} is none")
     return import_rsl_rl(path, env, training_horizon=horizon)
 
@@ -130,17 +142,22 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
         options: `normalizer`, `time_feature`, `training_horizon` and `trust` of `import_sb3`.
     """
     normalizer = options.get("normalizer")
+    written = _written(normalizer)
     identity: dict[str, Any] = {
         **options,
         "env": task_of_environment(env),
         "model": file_digest(path),
-        "normalizer": None if (written := _written(normalizer)) is None else file_digest(written),
+        "normalizer": None,
         "no normalizer": normalizer == NO_NORMALIZER,
         "versions": library_versions(),
     }
+    if written is not None:
+        identity["normalizer"] = file_digest(written)
     source = task_source_digest(identity["env"])
-    identity |= {"source": source} if source else {}
-    if (agent := path.parent / "params" / "agent.yaml").is_file():
+    if source:
+        identity["source"] = source
+    agent = path.parent / "params" / "agent.yaml"
+    if agent.is_file():
         identity["agent"] = file_digest(agent)
     target = folder / f"{path.stem}-{config_digest(identity)[:12]}.safetensors"
     with suppress(PerdureError):  # a damaged file is made again
@@ -156,32 +173,42 @@ def _written(normalizer: str | Path | None) -> Path | None:
     """Return the file with a normalizer's statistics; PerdureError if it is missing."""
     if normalizer is None or normalizer == NO_NORMALIZER:
         return None
-    if not (path := Path(normalizer)).exists():
+    path = Path(normalizer)
+    if not path.exists():
         raise PerdureError(f"--normalizer (normalizer=): there is no file {path}")
     return path
 
 
 def _policy(
-    model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, times: tuple[int | None, int], what: str
+    model: Sb3Model, spec: TaskSpec, statistics: Statistics | None, steps: int | None, horizon: int, what: str
 ) -> Policy:
-    """Return the policy; `times` are the steps of the time feature, and of a training episode."""
-    settings, (steps, horizon) = model.settings, times
+    """Return the policy; `steps` are those of its time feature, `horizon` those of a training episode."""
+    settings = model.settings
     _check_sizes(model, spec, steps, what)
     weights: dict[str, NDArray[np.float32]] = {}
     for i, (weight, bias) in enumerate(model.layers):
         weights |= {f"policy.{i}.weight": weight, f"policy.{i}.bias": bias}
     size = spec.observation_size + (steps is not None)
-    normalizer = None if statistics is None else statistics.normalizer
+    normalizer = None
+    normalizer_gamma = settings.gamma
+    if statistics is not None:
+        normalizer = statistics.normalizer
+        normalizer_gamma = statistics.gamma
     if normalizer is not None and len(normalizer.mean) != size:
         raise PerdureError(
             f"{what}: the normalizer has statistics of {len(normalizer.mean)} numbers, but the policy is given {size}"
         )
+    embedding = None
+    clock = None
+    if steps is not None:
+        embedding = TimeFeature(steps)
+        clock = Countdown(float(steps))
     protocol = HorizonProtocol(
-        embedding=None if steps is None else TimeFeature(steps),
+        embedding=embedding,
         horizon=Fixed(horizon),
         end="truncated",
         gamma=min(settings.gamma, 1.0),
-        normalizer_gamma=min(settings.gamma if statistics is None else statistics.gamma, 1.0),
+        normalizer_gamma=min(normalizer_gamma, 1.0),
         normalize_embedding=steps is not None and normalizer is not None,
     )
     return Policy(
@@ -190,20 +217,24 @@ def _policy(
         activation=settings.activation,
         normalizer=normalizer or Normalizer.identity(spec.observation_size),
         protocol=protocol,
-        clock=None if steps is None else Countdown(float(steps)),
+        clock=clock,
         squash=settings.squash,
     )
 
 
 def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) -> None:
-    inputs, outputs = len(model.layers[0][0]), len(model.layers[-1][1])
+    inputs = len(model.layers[0][0])
+    outputs = len(model.layers[-1][1])
     expected = spec.observation_size + (steps is not None)
     if inputs != expected:
-        wrapped = inputs == expected + 1 and steps is None
-        hint = " (was it trained with TimeFeatureWrapper? add --time-feature linear)" if wrapped else ""
+        hint = ""
+        if steps is not None:
+            hint = " with the time feature"
+        elif inputs == expected + 1:
+            hint = " (was it trained with TimeFeatureWrapper? add --time-feature linear)"
         raise PerdureError(
-            f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}"
-            f"{' with the time feature' if steps is not None else ''}{hint}; with other wrappers: {USE_A_FUNCTION}"
+            f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}{hint}; with other "
+            f"wrappers: {USE_A_FUNCTION}"
         )
     if outputs != spec.action_size or spec.discrete_actions:
         kind = " that are discrete" if spec.discrete_actions else ""
@@ -226,8 +257,12 @@ def _warn_of_normalizer(
     model: Sb3Model, given: str | Path | None, file: Path | None, statistics: Statistics | None, what: str
 ) -> None:
     """Warn where a normalizer may be missing, or does not belong to the model."""
-    settings, text = model.settings, ""
-    steps, count = settings.steps, statistics.count if statistics else 0.0
+    settings = model.settings
+    steps = settings.steps
+    count = 0.0
+    if statistics is not None:
+        count = statistics.count
+    text = ""
     if given is None and not settings.shows_vecnormalize:
         text = (
             f"{what} does not say whether it was trained behind VecNormalize. If so, its actions are wrong without "
@@ -246,7 +281,9 @@ def _time_feature_steps(written: str | None) -> int | None:
     if written is None:
         return None
     name, colon, number = written.partition(":")
-    steps = int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 0
+    steps = 0
+    if number.isascii() and number.isdigit() and len(number) < 10:
+        steps = int(number)
     if name != "linear" or (colon and steps < 1):
         raise PerdureError(f"time_feature must be linear or linear:STEPS, for example linear:1000, got {written!r}")
     return steps or None
@@ -260,11 +297,12 @@ def _provenance(
     provenance: dict[str, Any] = {
         # Models of one name are taken for training runs of one method, distinguished by their seeds.
         "method": f"SB3 {settings.algorithm} ({name})",
-        **({} if settings.seed is None else {"seed": settings.seed}),
         "steps": settings.steps,
         "source": {"file": path.name, "sha256": file_digest(path), "stable-baselines3": model.version, "env": env},
         "versions": library_versions(),
     }
+    if settings.seed is not None:
+        provenance["seed"] = settings.seed
     if normalizer is not None:
         provenance["source"] |= {"normalizer": normalizer.name, "normalizer sha256": file_digest(normalizer)}
     if time_feature is not None:
@@ -371,24 +409,41 @@ def find_models(path: Path, tell: Callable[[str], None] = lambda sentence: None)
     `ENV.zip`, else `best_model.zip`, else its checkpoints. `tell` gets a sentence on what is there and what is taken.
     """
     if path.is_file():
-        return [_found(path, _settings_of(path.parent))] if is_sb3_zip(path) else []
+        if not is_sb3_zip(path):
+            return []
+        return [_found(path, _settings_of(path.parent))]
     zips = [each for each in path.glob("*.zip") if each.name != "train_eval_metrics.zip"]  # Hugging Face: RL Zoo's log
     if not zips or any(path.glob("*.safetensors")):
         return []
-    zips.sort(key=lambda each: (int(found[2]) if (found := _CHECKPOINT.fullmatch(each.stem)) else 0, each.name))
+    zips.sort(key=lambda each: (_checkpoint_steps(each), each.name))
     settings = _settings_of(path)
-    names = () if settings is None else (f"{settings.name}.zip", "best_model.zip")
-    taken = next(([path / name] for name in names if path / name in zips), zips)
-    rest = "all" if taken == zips else f"{taken[0].name} (name another file to evaluate that one)"
+    taken = zips
+    rest = "all"
+    if settings is not None:
+        for name in ("best_model.zip", f"{settings.name}.zip"):  # the second, if it is there
+            if path / name in zips:
+                taken = [path / name]
+    if taken != zips:
+        rest = f"{taken[0].name} (name another file to evaluate that one)"
     tell(f"{path} holds {', '.join(each.name for each in zips)}; evaluating {rest}")
     return [_found(each, settings) for each in taken]
+
+
+def _checkpoint_steps(path: Path) -> int:
+    """Return the steps after which a checkpoint was written; 0 for other models."""
+    found = _CHECKPOINT.fullmatch(path.stem)
+    if not found:
+        return 0
+    return int(found[2])
 
 
 def _settings_of(folder: Path) -> Path | None:
     """Return the folder with the settings of a run of RL Baselines3 Zoo, perhaps the same; None for other folders."""
     places = (folder / "args.yml", *folder.glob("*/args.yml"))
     found = [each.parent for each in places if each.is_file() and each.with_name("config.yml").is_file()]
-    return found[0] if len(found) == 1 else None
+    if len(found) != 1:
+        return None
+    return found[0]
 
 
 def _pairs(path: Path) -> dict[str, str]:
@@ -401,21 +456,26 @@ def _pairs(path: Path) -> dict[str, str]:
 
 def _found(path: Path, folder: Path | None) -> FoundModel:
     """Return a model with what the settings in a folder say."""
+    places = []
     step = _CHECKPOINT.fullmatch(path.stem)
-    places = [path.with_name(f"{step[1]}_vecnormalize_{step[2]}_steps.pkl")] if step else []
-    places += [] if folder is None else [folder / "vec_normalize.pkl", folder / "vecnormalize.pkl"]
+    if step:
+        places.append(path.with_name(f"{step[1]}_vecnormalize_{step[2]}_steps.pkl"))
+    if folder is not None:
+        places += [folder / "vec_normalize.pkl", folder / "vecnormalize.pkl"]
     normalizer = next((str(each) for each in places if each.is_file()), None)
     if folder is None:
         return FoundModel(path, normalizer=normalizer)
-    args, config = _pairs(folder / "args.yml"), _pairs(folder / "config.yml")
+    args = _pairs(folder / "args.yml")
+    config = _pairs(folder / "config.yml")
     if config.get("normalize", "false") == "false":
         normalizer = NO_NORMALIZER
     elif normalizer is None:
         raise PerdureError(f"{path} was trained behind VecNormalize, but {places[-1]} is missing")
     changes = {name: config.get(name, "null") for name in ("env_wrapper", "frame_stack")}
     changes["env_kwargs"] = args.get("env_kwargs", "null")
-    timed = re.fullmatch(r"(- )?[\w.]+\.TimeFeatureWrapper", changes["env_wrapper"])
-    unread = [
-        f"{name} {value}" for name, value in changes.items() if value not in ("null", "1", "{}", timed and timed[0])
-    ]
-    return FoundModel(path, args.get("env"), normalizer, "linear" if timed else None, ", ".join(unread))
+    time_feature = None
+    if re.fullmatch(r"(- )?[\w.]+\.TimeFeatureWrapper", changes["env_wrapper"]):
+        time_feature = "linear"
+        del changes["env_wrapper"]
+    unread = [f"{name} {value}" for name, value in changes.items() if value not in ("null", "1", "{}")]
+    return FoundModel(path, args.get("env"), normalizer, time_feature, ", ".join(unread))

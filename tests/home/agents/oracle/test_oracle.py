@@ -9,7 +9,7 @@ from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched
 from perdure.home.sim.kinematics import gripper_pose
-from perdure.home.sim.robot import TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.skills import get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
@@ -41,8 +41,8 @@ def test_rolls_go_the_shorter_way_round():
     same = unwound(pose, now)
     assert np.abs(same - now).max() < np.pi
     assert np.allclose(np.mod(same - pose + 1.0, 2.0 * np.pi), 1.0)
-    position, axes = gripper_pose(TORSO_HEIGHT, pose)
-    same_position, same_axes = gripper_pose(TORSO_HEIGHT, same)
+    position, axes = gripper_pose(ROBOT.torso_height, pose)
+    same_position, same_axes = gripper_pose(ROBOT.torso_height, same)
     assert np.allclose(position, same_position)
     assert np.allclose(axes, same_axes)
     elbow = now + np.array([0.0, 0.0, 0.0, 7.0, 0.0, 0.0, 0.0])

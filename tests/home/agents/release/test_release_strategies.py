@@ -10,7 +10,7 @@ from perdure.home.agents.release import LAG, STRATEGIES, HandOverView, Ik, lag, 
 from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import REST_ARM
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import build_scene
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, ARM
@@ -66,7 +66,7 @@ def start(table, clearance=0.10, rotation=None):
         float(surface[0] + 0.8 * np.cos(pose.yaw)), float(surface[1] + 0.8 * np.sin(pose.yaw)), pose.yaw + np.pi
     )
     point = base.to_local(surface + np.array([0.0, 0.0, 0.088 + clearance]))
-    found = reach(point, REST_ARM, rotation=np.eye(3) if rotation is None else rotation)
+    found = reach(point, ROBOT.rest_arm, rotation=np.eye(3) if rotation is None else rotation)
     assert found.ok
     world = VectorSimulator(1)
     goal = tuple(float(v) for v in surface + np.array([0.0, 0.0, 0.088]))

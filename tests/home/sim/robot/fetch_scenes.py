@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from perdure.home.sim.robot import ARM_JOINTS, REST_ARM, TORSO, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 
 STEPS_PER_COMMAND = {1 / 120: 4, 1 / 240: 8}
 
@@ -15,18 +15,18 @@ def make_spec(timestep=1 / 120):
     return spec
 
 
-def set_pose(data, arm=REST_ARM, torso=TORSO_HEIGHT, base=(0.0, 0.0, 0.0)):
+def set_pose(data, arm=ROBOT.rest_arm, torso=ROBOT.torso_height, base=(0.0, 0.0, 0.0)):
     """Puts the robot there, its servos' targets too."""
     for joint, value in zip(("base_x", "base_y", "base_yaw"), base, strict=True):
         data.joint(joint).qpos = value
-    for joint, value in ((TORSO.name, torso), *zip(ARM_JOINTS, arm, strict=True)):
+    for joint, value in ((ROBOT.torso.name, torso), *zip(ROBOT.arm_names, arm, strict=True)):
         data.joint(joint).qpos = value
         data.actuator(joint).ctrl = value
     mujoco.mj_forward(data.model, data)
 
 
 def arm_angles(data):
-    return np.array([data.joint(joint).qpos[0] for joint in ARM_JOINTS])
+    return np.array([data.joint(joint).qpos[0] for joint in ROBOT.arm_names])
 
 
 def touching(data):

@@ -8,7 +8,7 @@ from fetch_scenes import STEPS_PER_COMMAND, make_spec, set_pose, touching
 from perdure.home.sim.apartments import build_apartment, make_apartment
 from perdure.home.sim.kinematics import gripper_pose
 from perdure.home.sim.occupancy import free_space
-from perdure.home.sim.robot import REST_ARM, add_fetch
+from perdure.home.sim.robot import ROBOT, add_fetch
 from tests.home.arm_poses import reach
 
 BOX = mujoco.mjtGeom.mjGEOM_BOX
@@ -26,7 +26,7 @@ def with_box(center, half, timestep=1 / 120, contype=1, conaffinity=1):
 def test_hand_in_the_body_is_a_contact(model, data, name):
     """An arm whose gripper point is inside the part: found by inverse kinematics, which knows no contacts."""
     inside = {"robot/torso": (0.0, 0.0, 0.85), "robot/head": (0.12, 0.0, 1.19), "robot/base": (0.2, 0.1, 0.34)}[name]
-    found = reach(inside, REST_ARM)
+    found = reach(inside, ROBOT.rest_arm)
     assert found.error < 0.03
     set_pose(data, found.arm)
     assert any(name in pair and pair != (name,) for pair in touching(data))
@@ -57,9 +57,9 @@ def test_hand_pushed_against_the_torso_stays_outside():
             model.geom_conaffinity[model.geom("robot/torso").id] = 0
         data = mujoco.MjData(model)
         set_pose(data)
-        goal = reach((0.0, 0.0, 0.85), REST_ARM).arm
+        goal = reach((0.0, 0.0, 0.85), ROBOT.rest_arm).arm
         for share in np.linspace(0.0, 1.0, 90):
-            data.ctrl[4:11] = (1.0 - share) * np.array(REST_ARM) + share * goal
+            data.ctrl[4:11] = (1.0 - share) * ROBOT.rest_arm + share * goal
             mujoco.mj_step(model, data, 4)
         local = data.body("torso_lift_link").xmat.reshape(3, 3).T @ (
             data.site("gripper").xpos - data.geom("robot/torso").xpos
@@ -122,7 +122,7 @@ def test_gripper_reaches_a_table_it_may_touch():
     _, data = with_box((0.75, 0.0, 0.72), (0.3, 0.5, 0.02))
     down = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     for height, meets in ((0.80, False), (0.765, True)):
-        found = reach((0.75, 0.0, height), REST_ARM, rotation=down)
+        found = reach((0.75, 0.0, height), ROBOT.rest_arm, rotation=down)
         assert gripper_pose(0.15, found.arm)[0] == pytest.approx((0.75, 0.0, height), abs=1e-4)
         set_pose(data, found.arm)
         assert bool(touching(data)) == meets
@@ -136,7 +136,7 @@ def test_in_an_apartment_the_robot_touches_nothing_where_it_is_free_and_much_whe
     data, space = mujoco.MjData(model), free_space(apartment, {})
     rng = np.random.default_rng(3)
     centers = space.centers[space.island]
-    tucked = np.array(reach((0.2, -0.1, 1.55), REST_ARM).arm)  # high above the furniture's footprints
+    tucked = np.array(reach((0.2, -0.1, 1.55), ROBOT.rest_arm).arm)  # high above the furniture's footprints
     for x, y in centers[rng.choice(len(centers), 20, replace=False)]:
         set_pose(data, tucked, base=(x, y, rng.uniform(-3, 3)))
         names = {name for pair in touching(data) for name in pair if name.startswith("robot/")}

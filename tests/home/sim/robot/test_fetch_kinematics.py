@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from perdure.errors import PerdureError
 from perdure.home.sim.kinematics import gripper_pose, pose_and_jacobian
-from perdure.home.sim.robot import REST_ARM, REST_POSITION
+from perdure.home.sim.robot import ROBOT
 
 M3_INITIAL = (-0.268, -1.133, 0.367, 1.081, 0.06, 2.002, 0.067)
 LAB_INITIAL = (-0.45, -1.08, 0.1, 0.935, -0.001, 1.573, 0.005)
@@ -91,15 +91,15 @@ def test_poses_equal_the_site_of_the_model(data, random_arms):
 
 def test_the_model_carries_the_gripper_along_with_its_base(data):
     set_pose(data, base=(2.0, -1.0, math.pi / 2))
-    x, y, z = REST_POSITION
+    x, y, z = ROBOT.rest_position
     assert data.site("gripper").xpos == pytest.approx((2.0 - y, -1.0 + x, z), abs=1e-5)
 
 
 def test_rest_is_the_resting_position_with_the_fingers_pointing_as_in_m3():
-    position, rotation = gripper_pose(0.15, REST_ARM)
-    assert position == pytest.approx(REST_POSITION, abs=1e-6)
+    position, rotation = gripper_pose(0.15, ROBOT.rest_arm)
+    assert position == pytest.approx(ROBOT.rest_position, abs=1e-6)
     assert rotation[:, 0] == pytest.approx((-0.36, 0.17, -0.92), abs=0.005)
-    assert pytest.approx(M3_INITIAL, abs=0.05) == REST_ARM
+    assert pytest.approx(M3_INITIAL, abs=0.05) == ROBOT.rest_arm
 
 
 def test_batches_equal_single_arms(random_arms):
@@ -114,7 +114,7 @@ def test_batches_equal_single_arms(random_arms):
 
 
 def test_one_arm_at_many_heights_is_a_batch():
-    position, _ = gripper_pose([0.0, 0.1, 0.3], REST_ARM)
+    position, _ = gripper_pose([0.0, 0.1, 0.3], ROBOT.rest_arm)
     assert np.diff(position[:, 2]) == pytest.approx([0.1, 0.2])
 
 
@@ -133,7 +133,9 @@ def test_jacobian_equals_mujocos(model, data):
     set_pose(data)
     position, rotation = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacSite(model, data, position, rotation, model.site("gripper").id)
-    assert pose_and_jacobian(0.15, REST_ARM)[2] == pytest.approx(np.vstack([position, rotation])[:, 4:11], abs=1e-12)
+    assert pose_and_jacobian(0.15, ROBOT.rest_arm)[2] == pytest.approx(
+        np.vstack([position, rotation])[:, 4:11], abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("shape", [(6,), (3, 8), ()])

@@ -9,7 +9,7 @@ import pytest
 from fetch_scenes import make_spec, set_pose, touching
 
 from perdure.home.sim.apartments import build_apartment, make_apartment
-from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, JOINTS, add_fetch
+from perdure.home.sim.robot import ROBOT, add_fetch
 
 ORDER = [
     "base_x",
@@ -57,7 +57,7 @@ def test_joints_and_actuators_have_the_agreed_names_and_order(model):
     assert [model.actuator(i).name for i in range(model.nu)] == ["base_forward", "base_left", "base_turn", *ORDER[3:]]
     assert [model.actuator(i).trnid[0] for i in range(3, model.nu)] == list(range(3, 13))
     assert {model.site(model.actuator(i).trnid[0]).name for i in range(3)} == {"base"}
-    assert list(JOINTS) == ORDER
+    assert list(ROBOT.joint_names) == ORDER
 
 
 @pytest.mark.parametrize("degree", [True, False])
@@ -75,8 +75,32 @@ def test_limits_are_the_urdfs_whatever_unit_the_specification_uses(degree):
 
 
 def test_the_published_limits_are_those_of_the_model():
-    for name, low, high in zip(ARM_JOINTS, ARM_LOW, ARM_HIGH, strict=True):
+    for name, low, high in zip(ROBOT.arm_names, ROBOT.arm_low, ROBOT.arm_high, strict=True):
         assert (low, high) == LIMITS.get(name, (-np.inf, np.inf))
+
+
+def test_the_record_of_the_robot_is_what_mujoco_reads_from_the_same_file(model, data):
+    for number, joint in enumerate(ROBOT.joints):
+        compiled = model.joint(number)
+        assert compiled.name == joint.name
+        assert model.body(compiled.bodyid[0]).name == joint.body
+        assert compiled.axis == pytest.approx(joint.axis)
+        assert model.body(joint.body).pos == pytest.approx(joint.origin)
+    assert model.geom("robot/base").size[0] == ROBOT.base_radius
+    assert {model.camera(number).name for number in range(model.ncam)} == set(ROBOT.cameras)
+    assert ROBOT.joint_names[ROBOT.torso_column] == "torso_lift_joint"
+    assert ROBOT.joint_names[ROBOT.arm_columns] == ROBOT.arm_names == tuple(ORDER[4:11])
+    assert ROBOT.joint_names[ROBOT.finger_columns] == tuple(ORDER[11:])
+    set_pose(data, np.zeros(7))
+    point = data.body(ROBOT.arm[-1].body).xpos + ROBOT.gripper_point
+    assert data.site(ROBOT.gripper_site).xpos == pytest.approx(point, abs=1e-9)
+
+
+def test_an_action_has_a_number_for_each_thing_that_the_robot_does():
+    """Base forward and turn, seven joints of the arm, the gripper, "stop"."""
+    columns = [*range(ROBOT.action_size)]
+    action = ROBOT.action
+    assert [action.forward, action.turn, *columns[action.arm], action.grip, action.stop] == list(range(11))
 
 
 def test_masses_are_the_urdfs(model):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fetch_scenes import STEPS_PER_COMMAND, arm_angles, make_spec, set_pose
 
-from perdure.home.sim.robot import ARM_HIGH, ARM_JOINTS, ARM_LOW, JOINTS, REST_ARM, add_fetch
+from perdure.home.sim.robot import ROBOT, add_fetch
 
 COMMAND = 0.025
 TIMESTEPS = sorted(STEPS_PER_COMMAND)
@@ -31,8 +31,8 @@ def follow(model, start, signs, commands=30, base=(0.0, 0.0, 0.0)):
     data.ctrl[:3] = base
     target, worst = np.array(start), np.zeros(7)
     for _ in range(commands):
-        target = np.clip(target + COMMAND * signs, ARM_LOW, ARM_HIGH)
-        for joint, value in zip(ARM_JOINTS, target, strict=True):
+        target = np.clip(target + COMMAND * signs, ROBOT.arm_low, ROBOT.arm_high)
+        for joint, value in zip(ROBOT.arm_names, target, strict=True):
             data.actuator(joint).ctrl = value
         mujoco.mj_step(model, data, steps)
         worst = np.maximum(worst, np.abs(target - arm_angles(data)))
@@ -42,7 +42,7 @@ def follow(model, start, signs, commands=30, base=(0.0, 0.0, 0.0)):
 @pytest.mark.parametrize("timestep", TIMESTEPS)
 def test_arm_with_a_load_follows_the_fastest_commands_within_three_hundredths(timestep, random_arms):
     model, rng = loaded_model(timestep), np.random.default_rng(0)
-    for start in (REST_ARM, np.zeros(7), *(0.8 * random_arms[:6])):
+    for start in (ROBOT.rest_arm, np.zeros(7), *(0.8 * random_arms[:6])):
         lag, _, _ = follow(model, start, rng.choice([-1.0, 1.0], 7))
         assert lag.max() < 0.03
 
@@ -51,14 +51,14 @@ def test_servos_a_tenth_as_stiff_do_not_follow():
     model = loaded_model(1 / 120)
     model.actuator_gainprm[3:, 0] *= 0.1
     model.actuator_biasprm[3:, 1] *= 0.1
-    lag, _, _ = follow(model, REST_ARM, np.ones(7))
+    lag, _, _ = follow(model, ROBOT.rest_arm, np.ones(7))
     assert lag.max() > 0.1
 
 
 @pytest.mark.parametrize("timestep", TIMESTEPS)
 def test_arm_comes_to_rest_without_ringing(timestep):
     model = loaded_model(timestep)
-    _, target, data = follow(model, REST_ARM, np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0]), commands=20)
+    _, target, data = follow(model, ROBOT.rest_arm, np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0]), commands=20)
     speeds, passed = [], np.zeros(7)
     for _ in range(30):
         mujoco.mj_step(model, data, STEPS_PER_COMMAND[timestep])
@@ -72,7 +72,7 @@ def test_arm_comes_to_rest_without_ringing(timestep):
 
 @pytest.mark.parametrize("timestep", TIMESTEPS)
 def test_arm_keeps_its_pose_while_the_base_starts_at_full_speed(timestep):
-    for start in (REST_ARM, np.zeros(7)):
+    for start in (ROBOT.rest_arm, np.zeros(7)):
         lag, _, data = follow(loaded_model(timestep), start, np.zeros(7), commands=20, base=(1.5, 0.0, 1.5))
         assert lag.max() < 0.05
     # In a turn the servos lag behind by what pulls outwards.
@@ -160,7 +160,7 @@ def test_fingers_open_and_close():
     data = mujoco.MjData(model)
     set_pose(data)
     for q in (0.04, 0.0):
-        for joint in JOINTS[-2:]:
+        for joint in ROBOT.joint_names[-2:]:
             data.actuator(joint).ctrl = q
         mujoco.mj_step(model, data, 30)
-        assert [data.joint(joint).qpos[0] for joint in JOINTS[-2:]] == pytest.approx([q, q], abs=1e-3)
+        assert [data.joint(joint).qpos[0] for joint in ROBOT.joint_names[-2:]] == pytest.approx([q, q], abs=1e-3)

@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from perdure.errors import PerdureError
 from perdure.home.sim.kinematics import gripper_pose, pose_and_jacobian, rotation_vector, toward
-from perdure.home.sim.robot import ARM_HIGH, ARM_LOW, REST_ARM
+from perdure.home.sim.robot import ROBOT
 
 
 def drive(goals, steps=150, **options):
     """Walks lanes from rest to their goals, 1 cm a step. Returns arms, and how far each left its straight line."""
-    arms = np.tile(REST_ARM, (len(goals), 1))
+    arms = np.tile(ROBOT.rest_arm, (len(goals), 1))
     start, rotation = gripper_pose(0.15, arms)
     line = (goals - start) / np.linalg.norm(goals - start, axis=1, keepdims=True)
     strayed = np.zeros(len(goals))
@@ -33,7 +33,7 @@ def drive(goals, steps=150, **options):
 
 def test_gripper_goes_down_in_a_straight_line_and_keeps_its_rotation():
     goals = np.array([[0.5, 0.0, 0.8], [0.55, 0.1, 0.75], [0.5, -0.1, 0.9], [0.4, 0.0, 0.85]])
-    _, first = gripper_pose(0.15, REST_ARM)
+    _, first = gripper_pose(0.15, ROBOT.rest_arm)
     arms, strayed, _ = drive(goals, rotation=first)
     position, rotation = gripper_pose(0.15, arms)
     assert position == pytest.approx(goals, abs=1e-3)
@@ -47,9 +47,9 @@ def test_without_a_wanted_rotation_the_present_one_drifts_little():
 
 
 def test_gripper_turns_to_a_wanted_rotation_on_the_spot():
-    position, rotation = gripper_pose(0.15, REST_ARM)
+    position, rotation = gripper_pose(0.15, ROBOT.rest_arm)
     wanted = Rotation.from_rotvec([0.1, -0.3, 0.2]).as_matrix() @ rotation
-    arm = np.array(REST_ARM)
+    arm = ROBOT.rest_arm.copy()
     for _ in range(60):
         arm = arm + toward(arm, position - gripper_pose(0.15, arm)[0], rotation=wanted)
     now = gripper_pose(0.15, arm)
@@ -59,8 +59,8 @@ def test_gripper_turns_to_a_wanted_rotation_on_the_spot():
 
 def test_one_small_step_moves_the_gripper_by_what_was_asked():
     move = np.array([1e-4, -2e-4, 1.5e-4])
-    before, turned = gripper_pose(0.15, REST_ARM)
-    after, still = gripper_pose(0.15, REST_ARM + toward(REST_ARM, move))
+    before, turned = gripper_pose(0.15, ROBOT.rest_arm)
+    after, still = gripper_pose(0.15, ROBOT.rest_arm + toward(ROBOT.rest_arm, move))
     assert after - before == pytest.approx(move, abs=1e-5)
     assert np.linalg.norm(rotation_vector(turned, still)) < 1e-4
 
@@ -72,19 +72,19 @@ def test_one_small_step_moves_the_gripper_by_what_was_asked():
     st.floats(1e-3, 0.5),
 )
 def test_steps_are_bounded_and_keep_the_limits(shares, move, largest):
-    low, high = np.clip(ARM_LOW, -3.0, 3.0), np.clip(ARM_HIGH, -3.0, 3.0)
+    low, high = np.clip(ROBOT.arm_low, -3.0, 3.0), np.clip(ROBOT.arm_high, -3.0, 3.0)
     arm = low + np.array(shares) * (high - low)
     step = toward(arm, move, largest=largest)
     assert np.abs(step).max() <= largest * (1 + 1e-12)
-    assert np.all(arm + step >= np.array(ARM_LOW) - 1e-9)
-    assert np.all(arm + step <= np.array(ARM_HIGH) + 1e-9)
+    assert np.all(arm + step >= ROBOT.arm_low - 1e-9)
+    assert np.all(arm + step <= ROBOT.arm_high + 1e-9)
 
 
 def test_a_joint_at_its_limit_is_passed_by_the_others():
     """The wrist stands at its stop: steps are as good as SciPy's best within the limits; clipped free ones are not."""
-    arm = np.array(REST_ARM)
+    arm = ROBOT.rest_arm.copy()
     arm[5] = 2.16
-    low, high = np.array(ARM_LOW) - arm - 1e-9, np.array(ARM_HIGH) - arm + 1e-9
+    low, high = ROBOT.arm_low - arm - 1e-9, ROBOT.arm_high - arm + 1e-9
     weighted = np.diag([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]) @ pose_and_jacobian(0.15, arm)[2]
     problem = np.vstack([weighted, 0.01 * np.eye(7)])  # the error, and 1 cm for each radian of a joint
     gained = []
@@ -103,7 +103,7 @@ def test_a_joint_at_its_limit_is_passed_by_the_others():
 def test_lanes_do_not_disturb_each_other(random_arms):
     rng = np.random.default_rng(0)
     arms, moves = random_arms[:30], rng.normal(0.0, 0.02, (30, 3))
-    rotation = gripper_pose(0.15, REST_ARM)[1]
+    rotation = gripper_pose(0.15, ROBOT.rest_arm)[1]
     together = toward(arms, moves, rotation=rotation)
     for i in range(30):
         assert together[i] == pytest.approx(toward(arms[i], moves[i], rotation=rotation), abs=1e-12)
@@ -118,6 +118,6 @@ def test_rotation_vectors_equal_scipys(vector):
 
 def test_wrong_steps_are_refused():
     with pytest.raises(PerdureError, match="displacement must have shape"):
-        toward(REST_ARM, (0.0, 0.0))
+        toward(ROBOT.rest_arm, (0.0, 0.0))
     with pytest.raises(PerdureError, match="largest must be positive"):
-        toward(REST_ARM, (0.0, 0.0, 0.0), largest=0.0)
+        toward(ROBOT.rest_arm, (0.0, 0.0, 0.0), largest=0.0)

@@ -7,7 +7,7 @@ from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.geoms import ROBOT_BIT
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import REST_ARM
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import build_scene
 from perdure.home.sim.sensors import SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, GRIP
@@ -36,7 +36,7 @@ def world_with(room, *offsets, kinds=None, above=0.25, held=-1):
         Placement(kind, tuple(float(v) for v in middle + np.array([*o, 0.0]) + (0, 0, 0.0425)), UPRIGHT, name)
         for kind, o in zip(kinds, offsets, strict=True)
     ]
-    arm = reach(stand.to_local(middle + np.array([0.0, 0.0, above])), REST_ARM, rotation=np.eye(3))
+    arm = reach(stand.to_local(middle + np.array([0.0, 0.0, above])), ROBOT.rest_arm, rotation=np.eye(3))
     assert arm.ok
     world = VectorSimulator(1)
     scene = build_scene(apartment, placements)
@@ -92,7 +92,7 @@ def test_a_handle_goes_before_an_object_and_the_drawer_follows_the_hand(room):
     pose = apartment.piece_of(link).pose
     front = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])
     stand = Pose(float(handle[0] + 0.8 * front[0]), float(handle[1] + 0.8 * front[1]), pose.yaw + np.pi)
-    arm = reach(stand.to_local(handle + 0.08 * front), REST_ARM, approach=(1.0, 0.0, -0.3))
+    arm = reach(stand.to_local(handle + 0.08 * front), ROBOT.rest_arm, approach=(1.0, 0.0, -0.3))
     assert arm.ok
     near = Placement("009_gelatin_box", tuple(float(v) for v in handle + 0.1 * front + (0, 0, 0.03)), UPRIGHT, room[2])
     scene = build_scene(apartment, [near])

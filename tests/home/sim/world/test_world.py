@@ -7,7 +7,7 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.sim.occupancy import free_space
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import REST_ARM, REST_POSITION
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import SceneOptions, build_scene
 from perdure.home.sim.sensors import BEAMS, SCAN_ANGLES, SCAN_RANGE, SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, TURN
@@ -63,7 +63,7 @@ def test_frames_are_turned_the_right_way(episodes):
     state = world.sense()
     assert np.allclose(state.in_base(np.array([[4.0, 3.0, 0.5]])), [[1.0, 0.0, 0.5]], atol=1e-12)
     assert np.allclose(state.turned_to_base(np.array([[1.0, 0.0, 0.0]])), [[0.0, -1.0, 0.0]], atol=1e-12)
-    assert np.allclose(state.gripper_in_base[0], REST_POSITION, atol=1e-5)
+    assert np.allclose(state.gripper_in_base[0], ROBOT.rest_position, atol=1e-5)
     forward = state.turned_to_gripper(state.gripper * 0.0 + np.array([[0.0, 1.0, 0.0]]))
     assert np.allclose(forward[0], state.gripper_rotation[0].T @ [1.0, 0.0, 0.0], atol=1e-12)
 
@@ -128,7 +128,9 @@ def test_arm_steps_move_the_servos_targets_and_the_arm_follows(episodes):
     for _ in range(10):
         world.step(action)
     state = world.sense()
-    assert np.allclose(state.arm_target[0] - REST_ARM, 10 * 0.025 * np.array([1, 0, 0, -0.5, 0, 0, 1]), atol=1e-12)
+    assert np.allclose(
+        state.arm_target[0] - ROBOT.rest_arm, 10 * 0.025 * np.array([1, 0, 0, -0.5, 0, 0, 1]), atol=1e-12
+    )
     assert np.abs(state.arm - state.arm_target).max() < 0.05
 
 
@@ -292,7 +294,7 @@ def test_scenes_are_kept_and_never_changed(episodes):
 
 def test_inverse_kinematics_and_the_lane_agree_on_where_the_gripper_is(episodes):
     world = VectorSimulator(1)
-    found = reach((0.7, 0.1, 0.9), REST_ARM)
+    found = reach((0.7, 0.1, 0.9), ROBOT.rest_arm)
     world.reset(
         0, build_scene(episodes[0].apartment(), []), start_pose(episodes[0].apartment(), episodes[0], 0), found.arm
     )

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from perdure.home.sim.pieces import Pose
-from perdure.home.sim.robot import REST_ARM
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.simulator import ARM, ARM_STEP, GRIP
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.starts import TOUCH, Start, put, touching
@@ -17,7 +17,7 @@ AROUND = np.linspace(0.0, 2.0 * np.pi, 24)
 @cache
 def pose(far, height):
     """The arm for a point so far ahead and so high; it does not depend on where the robot stands."""
-    return reach((far, 0.0, height), REST_ARM, approach=(0.6, 0.0, -0.8))
+    return reach((far, 0.0, height), ROBOT.rest_arm, approach=(0.6, 0.0, -0.8))
 
 
 def start_within_reach(scene, point, skill_goal, above=0.1, back=0.0, headings=AROUND, **start):
@@ -47,7 +47,7 @@ def action(forward=0.0, arm=None, grip=0.0):
 
 def to_rest(env):
     """The action that brings the arm nearer to rest."""
-    left = np.asarray(REST_ARM) - env.state.arm_target[0]
+    left = ROBOT.rest_arm - env.state.arm_target[0]
     return action(arm=left / max(1.0, np.abs(left).max() / ARM_STEP))
 
 

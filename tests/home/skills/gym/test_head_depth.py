@@ -13,7 +13,7 @@ from lanes import drive, make, random_actions
 
 from perdure.errors import PerdureError
 from perdure.home.sim.head_camera import FAR, SIDE, HeadCamera
-from perdure.home.sim.robot import JOINTS, add_fetch
+from perdure.home.sim.robot import ROBOT, add_fetch
 from perdure.home.skills.gym import HeadDepth, VectorHeadDepth
 
 WALL, BASE = 2.5, (0.3, 0.1)
@@ -44,7 +44,7 @@ def room(torso=0.15, yaw=0.0, ball=None):
     model = spec.compile()
     data = mujoco.MjData(model)
     wanted = {"base_x": BASE[0], "base_y": BASE[1], "base_yaw": yaw, "torso_lift_joint": torso, **ASIDE}
-    data.qpos[: len(JOINTS)] = [wanted.get(name, 0.0) for name in JOINTS]
+    data.qpos[: len(ROBOT.joint_names)] = [wanted.get(name, 0.0) for name in ROBOT.joint_names]
     mujoco.mj_forward(model, data)
     return SimpleNamespace(model=model, data=data)
 

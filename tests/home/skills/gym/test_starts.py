@@ -8,7 +8,7 @@ from lanes import LESSONS, make
 
 from perdure.home.sim.kinematics import gripper_pose
 from perdure.home.sim.occupancy import free_space
-from perdure.home.sim.robot import REST_POSITION, TORSO_HEIGHT
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import LEVERS, SceneOptions
 from perdure.home.sim.simulator import ACTION_SIZE
 from perdure.home.sim.vector_simulator import VectorSimulator
@@ -95,7 +95,10 @@ def test_pick_and_place_begin_within_2_m_of_what_they_are_about_and_face_it(skil
 
 @pytest.mark.parametrize(("skill", "task"), LESSONS)
 def test_the_gripper_begins_within_5_cm_per_axis_of_rest(skill, task):
-    away = np.array([gripper_pose(TORSO_HEIGHT, start.arm)[0] for _, _, start in draws(skill, task)]) - REST_POSITION
+    away = (
+        np.array([gripper_pose(ROBOT.torso_height, start.arm)[0] for _, _, start in draws(skill, task)])
+        - ROBOT.rest_position
+    )
     assert np.abs(away).max() < 0.052
     assert (away.std(axis=0) > 0.015).all()
 

@@ -1,0 +1,125 @@
+"""Readers of contracts: which formats of files say how a policy is deployed.
+
+A reader is a subclass of `ContractReader`, found as soon as it is defined, also in another package (see
+`perdure.registry`). perdure's own format is YAML with the fields of `Contract`.
+"""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from perdure.errors import PerdureError
+from perdure.policy.onnx import metadata
+from perdure.registry import Registered
+from perdure.robots.contract import PER_JOINT, Contract, make_contract
+from perdure.runs import read_bounded
+from perdure.schema import checked
+
+
+class ContractReader(Registered):
+    """Reads one format of files as the contract of a robot."""
+
+    words: ClassVar[str]
+    """Which files it reads."""
+    suffixes: ClassVar[tuple[str, ...]]
+    """How names of such files end, such as ".yaml"; such a name is that of an environment and of a task."""
+
+    def recognizes(self, path: Path) -> bool:
+        """Return whether a file whose name has one of the suffixes is of this format."""
+        return True
+
+    @abstractmethod
+    def read(self, path: Path) -> Contract:
+        """Return the contract in a file, as `make_contract` makes it.
+
+        Raises:
+            PerdureError: If a field is missing, unknown or does not fit the joints. The file is named for it.
+        """
+
+
+class YamlContract(ContractReader):
+    """See `words`. It reads every file that no other reader recognizes."""
+
+    name = "perdure"
+    words = "YAML with the fields of perdure.robots.contract.Contract"
+    suffixes = (".yaml", ".yml")
+
+    def read(self, path: Path) -> Contract:
+        """See `ContractReader.read`; metadata of a policy fill what the file leaves out."""
+        values = _parse(read_bounded(path, 1_000_000))
+        named = values.get("metadata")
+        found = from_metadata(metadata(path.parent / str(named))) if named else {}
+        return make_contract(checked({**found, **values}, Contract), path.parent)
+
+
+def read_contract(path: str | Path) -> Contract:
+    """Return the contract in a file; PerdureError if a field is missing, unknown or does not fit the joints."""
+    where = Path(path)
+    if not where.is_file():
+        raise PerdureError(f"there is no contract {where}")
+    try:
+        return _reader(where).read(where)
+    except PerdureError as error:
+        raise PerdureError(f"{where}: {error}") from None
+
+
+def suffixes() -> tuple[str, ...]:
+    """Return how the names of contracts end."""
+    return tuple(suffix for kind in ContractReader.kinds().values() for suffix in kind.suffixes)
+
+
+def _reader(path: Path) -> ContractReader:
+    """Return the reader of a file."""
+    for kind in ContractReader.kinds().values():
+        if kind is not YamlContract and path.suffix in kind.suffixes and kind().recognizes(path):
+            return kind()
+    return YamlContract()
+
+
+def _parse(data: bytes) -> dict[str, Any]:
+    """Return YAML as plain values; aliases are refused, since a few of them may stand for gigabytes."""
+    import yaml
+
+    try:
+        if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(data, yaml.SafeLoader)):
+            raise PerdureError("aliases of YAML (*name) are not read: write them out")
+        values = yaml.safe_load(data)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise PerdureError(f"it is no YAML: {' '.join(str(error).split())[:200]}") from None
+    if not isinstance(values, dict):
+        raise PerdureError("it must hold a table of fields, such as model: robot.xml")
+    return values
+
+
+NAMES = {
+    **{"joint_names": "joints", "joint_stiffness": "stiffness", "joint_damping": "damping"},
+    **{"default_joint_pos": "default_pose", "action_scale": "action_scale", "observation_names": "observations"},
+    **{"dof_names": "joints", "kp": "stiffness", "kd": "damping"},
+}
+"""Names in the metadata of mjlab and of holosoma to the fields that they fill."""
+
+
+def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
+    """Return the fields of a contract that a policy's metadata hold, as mjlab's comma-separated text or as JSON."""
+    try:
+        found: dict[str, Any] = {NAMES[name]: _words(text) for name, text in notes.items() if name in NAMES and text}
+        for field in set(PER_JOINT) & found.keys():
+            numbers = [float(each) for each in found[field]]
+            found[field] = numbers if len(numbers) > 1 else numbers[0]
+        terms = [{"name": name} for name in found.get("observations", ())]
+        for field, convert in (("scale", float), ("clip", float), ("history_length", lambda text: int(float(text)))):
+            for term, text in zip(terms, _words(notes.get(f"observation_terms_{field}", "")), strict=False):
+                parts = [convert(each) for each in text.split(";") if each]
+                term |= {field.removesuffix("_length"): parts if len(parts) > 1 else parts[0]} if parts else {}
+    except (ValueError, IndexError, OverflowError, RecursionError) as error:
+        raise PerdureError(f"the policy's metadata cannot be read: {error}") from None
+    return {**found, "observations": terms} if terms else found
+
+
+def _words(text: str) -> list[str]:
+    values = json.loads(text) if text.startswith("[") else text.split(",")
+    return [str(each).strip() for each in values]
