@@ -38,7 +38,8 @@ class Condition:
 
     def disturbs(self, task: str) -> tuple[str, ...]:
         """Return what is applied to a task."""
-        return tuple(FAST_PUSH.get(task, "push:0.5") if each == "push" else each for each in self.disturb)
+        push = FAST_PUSH.get(task, "push:0.5")
+        return tuple({"push": push}.get(each, each) for each in self.disturb)
 
 
 CONDITIONS = (
