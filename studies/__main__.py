@@ -86,11 +86,17 @@ def run(flags: StudyFlags) -> None:
             return
         print(f"study {flags.name}: {study.QUESTION}\nscale {flags.scale}, in {out}", flush=True)
         Store(store).warn_of_other_source(unit.key for unit in units)
-        waiting = lambda: print("studies: another command is running the rest; waiting for it", file=sys.stderr)  # noqa: E731
         with show_progress(f"study {flags.name}") as observe:
-            run_missing(units, store, flags.on, flags.cores, observe, waiting)
+            run_missing(units, store, flags.on, flags.cores, observe, _say_waiting)
     written = study.analyze(flags.scale, out)
-    print(f"{len(written)} tables, figures and pages written" + "".join(f", such as {each}" for each in written[-1:]))
+    text = f"{len(written)} tables, figures and pages written"
+    if written:
+        text += f", such as {written[-1]}"
+    print(text)
+
+
+def _say_waiting() -> None:
+    print("studies: another command is running the rest; waiting for it", file=sys.stderr)
 
 
 def status_text(units: Sequence[Unit], folder: Path) -> str:
