@@ -186,9 +186,21 @@ class Graph:
 
 
 OPERATORS = {
-    **{"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div", "power": "Pow", "matmul": "MatMul"},
-    **{"maximum": "Max", "minimum": "Min", "negative": "Neg", "greater": "Greater", "less": "Less"},
-    **{"exp": "Exp", "tanh": "Tanh", "expit": "Sigmoid", "erf": "Erf"},
+    "add": "Add",
+    "subtract": "Sub",
+    "multiply": "Mul",
+    "divide": "Div",
+    "power": "Pow",
+    "matmul": "MatMul",
+    "maximum": "Max",
+    "minimum": "Min",
+    "negative": "Neg",
+    "greater": "Greater",
+    "less": "Less",
+    "exp": "Exp",
+    "tanh": "Tanh",
+    "expit": "Sigmoid",
+    "erf": "Erf",
 }
 """NumPy's and SciPy's functions of arrays, and the operators of ONNX that compute the same."""
 

@@ -266,8 +266,13 @@ def _training_horizon(metadata: Mapping[str, str], what: str) -> int | None:
 def _dtype(kind: str) -> Any:
     """Return NumPy's type of "tensor(float)"."""
     names = {
-        **{"float": np.float32, "double": np.float64, "float16": np.float16},
-        **{"uint8": np.uint8, "int32": np.int32, "int64": np.int64, "bool": np.bool_},
+        "float": np.float32,
+        "double": np.float64,
+        "float16": np.float16,
+        "uint8": np.uint8,
+        "int32": np.int32,
+        "int64": np.int64,
+        "bool": np.bool_,
     }
     name = kind.removeprefix("tensor(").rstrip(")")
     if name not in names:
