@@ -32,7 +32,7 @@ FACTORS = (0.5, 0.7, 1.4, 2.0)
 SCALES = (0.05, 0.25, 1.0, 2.0, 4.0)
 OFFSET = 0.3  # of the default pose [rad]
 UNSTABLE = 2.0  # damping x time step / inertia, integrated explicitly
-SIDES = {*["l", "r", "fl", "fr", "rl", "rr", "lf", "rf", "lh", "rh", "hl", "hr", "left", "right", "joint"]}
+SIDES = frozenset(["l", "r", "fl", "fr", "rl", "rr", "lf", "rf", "lh", "rh", "hl", "hr", "left", "right", "joint"])
 """Words of a joint's name that do not say which kind of joint it is."""
 
 

@@ -101,9 +101,15 @@ def _parse(data: bytes) -> dict[str, Any]:
 
 
 NAMES = {
-    **{"joint_names": "joints", "joint_stiffness": "stiffness", "joint_damping": "damping"},
-    **{"default_joint_pos": "default_pose", "action_scale": "action_scale", "observation_names": "observations"},
-    **{"dof_names": "joints", "kp": "stiffness", "kd": "damping"},
+    "joint_names": "joints",
+    "joint_stiffness": "stiffness",
+    "joint_damping": "damping",
+    "default_joint_pos": "default_pose",
+    "action_scale": "action_scale",
+    "observation_names": "observations",
+    "dof_names": "joints",
+    "kp": "stiffness",
+    "kd": "damping",
 }
 """Names in the metadata of mjlab and of holosoma to the fields that they fill."""
 
