@@ -33,8 +33,22 @@ CELL = ("task", "method", "condition")
 PHASES = {1: EPISODES, 2: FRESH, 3: PILOTS}
 """Number to the frozen table of its episodes."""
 COLUMNS = (
-    *("task", "train_seed", "clock", "eval_seed", "disturbance", "test_horizon", "end_reason", "end_step", "outcome"),
-    *("failed_step", "end_score_vs_training", "idle_rate", "training_rate", "published_rate", "policy_state", "return"),
+    "task",
+    "train_seed",
+    "clock",
+    "eval_seed",
+    "disturbance",
+    "test_horizon",
+    "end_reason",
+    "end_step",
+    "outcome",
+    "failed_step",
+    "end_score_vs_training",
+    "idle_rate",
+    "training_rate",
+    "published_rate",
+    "policy_state",
+    "return",
 )
 """Columns of the evaluation table that are kept, for each episode once."""
 

@@ -261,7 +261,12 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
         rare = tables["cure"].filter(MAIN, pl.col("low") > 1, pl.col("speed against PPO") > 0.5, pl.col("runs") > 2)
         ratio = pl.format("{} [{}, {}]", *(pl.col(name).round(1) for name in ("ratio to PPO", "low", "high")))
         found["cure"] = rare.select(
-            *("seeds", "task", "method", "runs", "failures", pl.col("steps between failures").cast(pl.Int64)),
+            "seeds",
+            "task",
+            "method",
+            "runs",
+            "failures",
+            pl.col("steps between failures").cast(pl.Int64),
             ratio.alias("ratio to PPO"),
             pl.col("speed against PPO").round(2),
         )
