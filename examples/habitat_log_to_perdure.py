@@ -12,11 +12,11 @@ The JSON is what a few lines in an evaluation loop can write, in the simulator's
                      "up": [1.0, ...],             y of their own up axes in the room
                      "held": -1,                   target in the gripper, -1 nothing, -2 clutter or a handle
                      "gripper": [x, y, z], "base": [x, y, z, heading], "force": 0.0,
-                     "drawer": 0.0, "fridge": 0.0}, ...]}]}
+                     "containers": {"drawer": 0.0, "fridge": 0.0}}, ...]}]}
 
-Skills have the names of `perdure.home.tasks.tasks`, `ending` is "stopped", "timed out" or "task limit";
-"forced": true where the gripper was opened by force. The history has one entry per control step and goes on after
-`steps` for a settling time in which the robot stands still: 5 s, or "it stays" cannot be said.
+Skills have the names of `SKILL_VERBS` in `perdure.home.tasks.tasks`. `ending` is "stopped", "timed out" or
+"task limit"; "forced": true where the gripper was opened by force. The history has one entry per control step and goes
+on after `steps` for a settling time in which the robot stands still: 5 s, or "it stays" cannot be said.
 """
 
 import argparse
@@ -39,12 +39,14 @@ def z_up(points) -> np.ndarray:
 
 
 def history_of(episode: dict, control_hz: float) -> History:
-    columns = {name: np.array([row[name] for row in episode["history"]]) for name in episode["history"][0]}
+    rows = episode["history"]
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "containers"}
+    containers = {name: np.array([row["containers"][name] for row in rows]) for name in rows[0]["containers"]}
     objects, base = z_up(columns["objects"]), columns["base"]
     goals = z_up([target["goal"] for target in episode["targets"]])
     moved = np.linalg.norm(np.diff(objects, axis=0, prepend=objects[:1]), axis=-1)
     return History(
-        facts=WorldFacts(objects, goals, columns["held"], columns["drawer"], columns["fridge"]),
+        facts=WorldFacts(objects, goals, columns["held"], containers),
         up=columns["up"],
         speed=moved * control_hz,
         gripper=z_up(columns["gripper"]),
@@ -69,7 +71,7 @@ def log_of(episode: dict, control_hz: float, strategy: str, train_seed: int) -> 
         **{name: episode[name] for name in ("task", "split", "eval_seed", "steps", "diverged")},
         index=episode["episode_id"],
         episode_hash=hashlib.sha256(start.encode()).hexdigest(),
-        strategy=strategy,
+        place=strategy,
         train_seed=train_seed,
         control_hz=control_hz,
         length=len(episode["history"]),

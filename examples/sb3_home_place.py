@@ -63,7 +63,7 @@ def main() -> None:
     for strategy in ("rl", "ik"):
         agents = make_agents(choose_policies(TASK, train_seed=0), "rl")  # the shipped policies
         agents["place"] = make_strategy(strategy, place)
-        names = {"strategy": f"sb3 {strategy}", "train_seed": args.seed}
+        names = {"place": f"sb3 {strategy}", "train_seed": args.seed}
         executor = Executor(EvaluationProtocol(TASK).skills(), agents, options, **names)
         path = args.out / f"sb3-{strategy}.parquet"
         write_logs(path, list(executor.run(episodes)), {})

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from perdure.disturbances import Effect
-from perdure.home.agents.release import HandOver, Stop
+from perdure.home.agents.release import ReleaseStrategy, Stop, make_strategy
+from perdure.home.evaluate.comparison import describe
+from perdure.home.evaluate.policies import read_release
+from perdure.home.evaluate.strategy import Strategy
 from perdure.horizon import Clock, Constant, Linear, parse_clock
 from perdure.learn import presets
 from tests.envs.test_disturbances import echoed
@@ -65,8 +68,12 @@ def test_the_method(monkeypatch):
 
 
 def test_the_release_strategy():
-    """It holds base and arm for one second: thirty actions without any arm motion."""
-    strategy = added("A release strategy", Stop, HandOver)(inner=SimpleNamespace(sees=False))
+    """It holds base and arm for one second: thirty actions without any arm motion. Its name is known at once."""
+    strategy = added("A release strategy", Stop)()
+    assert read_release("wait").strategy == "wait"
+    assert make_strategy("wait", SimpleNamespace()).strategy == strategy
+    assert describe(Strategy("wait")) == "wait a second"
+    assert isinstance(strategy, ReleaseStrategy)
     actions = list(strategy.motion(SimpleNamespace(base_error=(0.0, 0.0))))
     assert len(actions) == 30
     assert not np.any(actions)

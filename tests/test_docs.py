@@ -15,7 +15,7 @@ import cli_page
 import pytest
 
 from perdure.disturbances import Effect
-from perdure.home.agents.release import STRATEGIES
+from perdure.home.agents.release import ReleaseStrategy
 from perdure.horizon import Clock
 from perdure.learn.presets import METHODS
 
@@ -115,7 +115,7 @@ def test_a_page_names_only_what_exists(name):
         ("reference/clocks.md", OWN_CLOCKS),
         ("reference/methods.md", METHODS),
         ("how-to/disturb-a-policy.md", OWN_DISTURBANCES),
-        ("home/world.md", STRATEGIES),
+        ("home/world.md", ReleaseStrategy.kinds()),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
 )

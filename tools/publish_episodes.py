@@ -1,42 +1,54 @@
-"""Write the published episodes again into a folder; ten to fifteen minutes on one core."""
+"""Write published episodes again: `python tools/publish_episodes.py FOLDER [TASK ...]`, all tasks when none is named.
+
+A task takes three to five minutes on one core. Its episodes do not depend on the other tasks.
+"""
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections import Counter
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from perdure.home.tasks.episodes import EpisodeSet, write_episodes
+from perdure.home.tasks.episodes import PUBLISHED, EpisodeSet, episode_file, write_episodes
 from perdure.home.tasks.generation import generate_episodes
-from perdure.home.tasks.tasks import TASKS
-
-PUBLISHED = ("val", "eval", "eval-2")
-"""The splits that are published; training draws its own."""
+from perdure.home.tasks.tasks import TASKS, get_task
 
 
-def publish(folder: Path, seed: int = 0) -> dict[str, Counter[str]]:
-    """Write the published episodes of every task into a folder.
+def publish(folder: Path, tasks: Sequence[str] = tuple(TASKS), seed: int = 0) -> dict[str, Counter[str]]:
+    """Write the published episodes of some tasks into a folder.
 
     Args:
-        folder: Where to write them; made when missing.
+        folder: Where to write them; made when missing. Files of other tasks stay as they are.
+        tasks: Names of the tasks.
         seed: Another seed gives other episodes; the published ones are those of seed 0.
 
     Returns:
-        How often a draw was thrown away, by file and reason.
+        How often a draw was rejected, by file and reason.
+
+    Raises:
+        PerdureError: If there is no such task.
     """
+    for task in tasks:
+        get_task(task)
     folder.mkdir(parents=True, exist_ok=True)
     refusals: dict[str, Counter[str]] = {}
-    for task in TASKS:
+    for task in tasks:
         for split in PUBLISHED:
             refused = list[str]()
             made = generate_episodes(task, split, seed, refused.append)
             made_with = {"seed": str(seed), "mujoco": version("mujoco")}
-            write_episodes(folder / f"{task}_{split}.json", EpisodeSet(task, split, made_with, made.episodes))
-            thrown = refusals[f"{task}_{split}"] = Counter(refused)
-            print(f"{task}_{split}: {len(made)} episodes, thrown away: {dict(thrown) or 'none'}", flush=True)
+            write_episodes(folder / episode_file(task, split), EpisodeSet(task, split, made_with, made.episodes))
+            reasons = Counter(refused)
+            refusals[f"{task}_{split}"] = reasons
+            print(f"{task}_{split}: {len(made)} episodes, rejected draws: {dict(reasons) or 'none'}", flush=True)
     return refusals
 
 
 if __name__ == "__main__":
-    publish(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("tasks", nargs="*", metavar="TASK")
+    given = parser.parse_args()
+    publish(given.folder, given.tasks or tuple(TASKS))

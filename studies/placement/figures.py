@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import polars as pl
@@ -11,14 +11,18 @@ import polars as pl
 from perdure.home.evaluate.analysis import outcome_shares
 from perdure.home.evaluate.comparison import describe, make_views
 from perdure.home.evaluate.figures import outcome_figure, shape_figure, stage_figure
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import LEVERS
 from perdure.report import wording
 from perdure.report.charts import Axis, Curve, Figure, curve_chart, slug, style
 from perdure.stats import clopper_pearson
-from studies.placement.grid import TASKS
-from studies.placement.tables import INTERVALS, MIN_PLACEMENTS, SHAPES, Tables, success_rows
+from studies.placement.grid import DRAG, TASKS
+from studies.placement.tables import INTERVALS, MIN_PLACEMENTS, SETTING, SHAPES, Tables, success_rows
 
-SHOWN = {"eval": ("rl closed", "stop closed", "guarded closed"), "val": ("rl drag", "ik drag")}
+SHOWN = {
+    "eval": [Strategy(place, planner="closed", fallback="oracle") for place in ("rl", "stop", "guarded")],
+    "val": [Strategy(place, DRAG) for place in ("rl", "ik")],
+}
 """Strategies in the figures of every task, by split: the closed loop, and what the thesis compares."""
 
 
@@ -28,7 +32,12 @@ def draw_figures(tables: Tables) -> Iterator[Figure]:
     yield from speed_figures(tables["release-speed"])
     for split, shown in SHOWN.items():
         names = ("success", "stages", "outcomes", "kinds")
-        here = {name: tables[name].filter(pl.col("strategy").is_in(shown), split=split) for name in names}
+        wanted = pl.DataFrame([{"split": split, **asdict(strategy)} for strategy in shown])
+        keys = ("split", *SETTING)
+        here = {
+            name: tables[name].join(wanted, on=keys, how="semi", maintain_order="left").with_columns(label=pl.lit(""))
+            for name in names
+        }
         for view in make_views({**here, "outcomes": outcome_shares(here["outcomes"])}):
             for figure in filter(None, (stage_figure(view), outcome_figure(view), shape_figure(view))):
                 yield replace(figure, name=slug(view.name, figure.name), heading=view.title)
@@ -37,7 +46,8 @@ def draw_figures(tables: Tables) -> Iterator[Figure]:
 def rolling_figures(tables: Tables) -> Iterator[Figure]:
     """Yield the figure, if there are rows: success on SetTable in the closed loop by rolling resistance."""
     rows = [row for row in success_rows(tables) if (row["task"], row["planner"]) == (TASKS[0], "closed")]
-    curves, drawn = [], []
+    curves = []
+    drawn = []
     for number, place in enumerate(dict.fromkeys(row["place"] for row in rows)):
         mine = [row for row in rows if row["place"] == place]
         if len(mine) == len(LEVERS):
@@ -47,7 +57,9 @@ def rolling_figures(tables: Tables) -> Iterator[Figure]:
                 for name in ("mean", "lower", "upper")
             )
             x = np.arange(len(LEVERS), dtype=np.float64)
-            curves.append(Curve(describe(place), x, mean, style(number), lower, upper, marked=True, intervals="bars"))
+            curves.append(
+                Curve(describe(Strategy(place)), x, mean, style(number), lower, upper, marked=True, intervals="bars")
+            )
     if curves:
         seeds = wording.sample([row["train_seeds"] for row in drawn], "training seed")
         episodes = wording.sample([row["episodes"] for row in drawn], "episode")
@@ -89,7 +101,8 @@ def speed_figures(counts: pl.DataFrame) -> Iterator[Figure]:
 
 def _curve(number: int, group: str, part: pl.DataFrame) -> Curve:
     part = part.sort("interval")
-    share, interval = part["share_stayed"].to_numpy(), part["interval"].cast(pl.Float64).to_numpy()
+    share = part["share_stayed"].to_numpy()
+    interval = part["interval"].cast(pl.Float64).to_numpy()
     bounds = [clopper_pearson(p, n) for p, n in zip(share, part["placements"], strict=True)]
     lower, upper = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
     label = f"{group} (n = {part['placements'].sum():,})"

@@ -10,9 +10,10 @@ from itertools import product
 from perdure.errors import PerdureError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.objects import ROLLING
 from perdure.home.sim.scene import LEVERS, SceneOptions
-from perdure.home.tasks.planners import PlannerName
+from perdure.home.tasks.planners import FallbackName, PlannerName
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
 RELEASES = ("rl", "stop", "ik", "guarded")
@@ -25,6 +26,7 @@ PHASES = {
     2: "five more unseen layouts",
     3: "rolling resistance",
     4: "known layouts and an open loop with drag only, as in the thesis",
+    5: "success as a person means it: closed loop, with and without the oracle as fallback",
 }
 
 
@@ -44,11 +46,12 @@ class Row:
     train_seeds: int = 3
     eval_seeds: int = 1
     episodes: int = 100
+    fallback: FallbackName = "oracle"
 
     @property
-    def strategy(self) -> str:
-        """Strategy, world and planner as logs name them, such as "ik drag closed"."""
-        return self.protocol().name
+    def strategy(self) -> Strategy:
+        """What is run, as logs have it."""
+        return self.protocol().strategy
 
     @property
     def command(self) -> str:
@@ -57,14 +60,17 @@ class Row:
         given = {name: getattr(self, name) for name in ("place", "split", "episodes", "train_seeds", "eval_seeds")}
         flags = {name: value for name, value in given.items() if value != getattr(usual, name) or name == "place"}
         flags |= SceneOptions(rolling=self.rolling).unusual
-        flags |= {} if self.planner == usual.options.planner else {"planner": self.planner}
+        for name in ("planner", "fallback"):
+            if getattr(self, name) != getattr(usual.options, name):
+                flags[name] = getattr(self, name)
         words = [(f"--{name.replace('_', '-')}", str(value)) for name, value in flags.items()]
         return shlex.join(["perdure", "home", "run", self.task, *(word for pair in words for word in pair)])
 
     def protocol(self) -> EvaluationProtocol:
         """Return what is run."""
         counts = self.episodes, self.train_seeds, self.eval_seeds
-        options = ExecutorOptions(scene=SceneOptions(rolling=self.rolling), planner=self.planner)
+        scene = SceneOptions(rolling=self.rolling)
+        options = ExecutorOptions(scene=scene, planner=self.planner, fallback=self.fallback)
         return EvaluationProtocol(self.task, self.place, self.split, *counts, options=options)
 
 
@@ -78,18 +84,31 @@ def _rows(
     eval_seeds: int = 1,
     episodes: int = 100,
 ) -> tuple[Row, ...]:
-    each, counts = product(tasks, places, levers), {"eval_seeds": eval_seeds, "episodes": episodes}
-    return tuple(Row(task, place, split, planner, lever, phase, **counts) for task, place, lever in each)
+    return tuple(
+        Row(task, place, split, planner, lever, phase, eval_seeds=eval_seeds, episodes=episodes)
+        for task, place, lever in product(tasks, places, levers)
+    )
 
 
 def _smaller(rows: Iterable[Row], episodes: int, train_seeds: int) -> tuple[Row, ...]:
     return tuple(replace(row, train_seeds=train_seeds, eval_seeds=1, episodes=episodes) for row in rows)
 
 
-SET_TABLE, SMALL = TASKS[:1], LEVERS[:-1]
+def _without_fallback(rows: Iterable[Row]) -> tuple[Row, ...]:
+    return tuple(replace(row, fallback="none") for row in rows)
+
+
+SET_TABLE = TASKS[:1]
+SMALL = LEVERS[:-1]
+DRAG = strategy_of("", SceneOptions(rolling=0.0), "closed", "oracle").world
+"""The world in which only drag slows a rolling object, as logs have it."""
+JUDGED = ("rl", "stop")
+"""Strategies that are judged as a person means it; the closed loop of the others is in phase 1."""
 THESIS_ROWS = (
     *_rows(1, TASKS, RELEASES, planner="open", eval_seeds=3),
-    *_rows(1, TASKS, RELEASES, eval_seeds=3),
+    *_rows(1, TASKS, RELEASES[2:], eval_seeds=3),
+    *_rows(5, TASKS, JUDGED, eval_seeds=3),
+    *_without_fallback(_rows(5, TASKS, JUDGED, eval_seeds=3)),
     *_rows(2, TASKS, RELEASES, split="eval-2"),
     *_rows(3, TASKS, ("rl", "stop", "guarded"), SMALL, episodes=50),
     *_rows(3, SET_TABLE, TRAINED, LEVERS, episodes=50),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.analysis import analyze as analyze_logs
+from perdure.home.evaluate.counts import counts_table
 from perdure.home.evaluate.page import read_all
 from perdure.home.evaluate.protocol import LOGS, episode_blocks, protocol_units
 from perdure.report.charts import save
@@ -14,7 +15,7 @@ from perdure.runs import Store, Unit
 from studies.files import include_tables
 from studies.placement.figures import draw_figures
 from studies.placement.grid import GRIDS, PHASES, Row, make_grid
-from studies.placement.tables import DRAG, PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
+from studies.placement.tables import PAGE_TABLES, Tables, read_tables, release_speeds, with_logs, write_tables
 
 QUESTION = "Do placed objects stay, and which release strategy and which world decide it?"
 SCALES = {"smoke": None, "laptop": None, "thesis": Path("results", "placement")}
@@ -52,21 +53,26 @@ def analyze(scale: str, out: Path) -> list[Path]:
 
 def finished_logs(row: Row, store: Path) -> list[Path]:
     """Return the logs of all blocks of a row; none while one is missing."""
-    protocol, runs = row.protocol(), Store(store)
+    protocol = row.protocol()
+    runs = Store(store)
     keys = [block.key(protocol) for block in episode_blocks(protocol, runs)]
     return [runs.get(key) / LOGS for key in keys] if all(map(runs.done, keys)) else []
 
 
 def update_tables(grid: Sequence[Row], out: Path) -> Tables:
     """Return the tables with the numbers of finished rows; all others keep theirs."""
-    tables, store = read_tables(out / "tables"), out / "runs"
-    logs = {row: finished_logs(row, store) for row in grid}
+    tables = read_tables(out / "tables")
+    logs = {row: finished_logs(row, out / "runs") for row in grid}
     paths = sorted(path for paths in logs.values() for path in paths)
     if not paths:
         return tables
     records, notes = read_all(paths)
     analysis = analyze_logs(records)
-    tables = with_logs(tables, analysis, notes.tables["hand_overs"])
+    tables = with_logs(tables, analysis, notes.tables["hand_overs"], counts_table(records))
     # The speeds are of all these rows together: some of them alone would be another sample.
-    pooled = [bool(logs[row]) for row in grid if row.split == "eval" and row.strategy.endswith(f" {DRAG}")]
+    pooled = [
+        bool(logs[row])
+        for row in grid
+        if (row.split, row.planner, row.fallback, row.rolling) == ("eval", "closed", "oracle", 0.0)
+    ]
     return {**tables, "release-speed": release_speeds(analysis.placements)} if pooled and all(pooled) else tables

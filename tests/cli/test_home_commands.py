@@ -10,6 +10,7 @@ from perdure.cli.home import Shown, parse_policies
 from perdure.errors import PerdureError
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
 from tests.home.limits import shorten
@@ -72,6 +73,15 @@ def test_an_episode_is_told_and_drawn(command, tmp_path):
     picture = out.read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 20_000
+
+
+def test_the_plan_is_printed_as_a_pddl_domain_and_problem(command, tmp_path):
+    from unified_planning.io import PDDLReader
+
+    domain, problem = succeeded(command("home", "plan", "set_table", "--pddl", cwd=tmp_path)).split("\n\n")
+    read = PDDLReader().parse_problem_string(domain, problem)
+    assert "open_fridge" in {action.name for action in read.actions}
+    assert len(read.goals) > 0
 
 
 def test_the_plan_of_set_table_opens_the_drawer_first(command, tmp_path):
@@ -163,14 +173,14 @@ def test_a_view_repeats_the_logged_runs_of_its_episode(ran):
     assert {policy.source for policy in agents[0].policies.values()} == {"oracle"}
     assert agents[0].protocol.options.scene == protocol.options.scene
     _, (alone,) = Shown("set_table", index=1, place=("rl",), logs=(folder,)).open()
-    assert (alone.protocol.name, alone.protocol.options.planner) == ("rl drag closed", "closed")
+    assert alone.protocol.strategy == Strategy("rl", "drag only", "closed", "oracle")
     with pytest.raises(PerdureError, match="set_table/val/001"):
         Shown("set_table", index=1, eval_seed=1, logs=(folder,)).open()
 
 
 def test_a_view_without_logs_shows_learned_policies_under_each_strategy():
     _, agents = Shown("set_table", place=("rl", "guarded"), planner="closed", eval_seed=2).open()
-    assert [agent.protocol.name for agent in agents] == ["rl closed", "guarded closed"]
+    assert [agent.protocol.strategy.name for agent in agents] == ["rl, closed", "guarded, closed"]
     assert all(policy.learned for agent in agents for policy in agent.policies.values())
     assert agents[0].protocol.options.eval_seed == 2
     _, (oracle,) = Shown("set_table", policies=("oracle",)).open()

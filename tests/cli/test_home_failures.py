@@ -72,7 +72,7 @@ def pictures(monkeypatch):
 def hit(record):
     """The same episode, but its log says that the arm hit something with 3000 N while it reached for the drawer."""
     runs = [replace(run, force=3000.0) if run.skill == "open_drawer" else run for run in record.runs]
-    return replace(record, runs=tuple(runs), strategy="ik", eval_seed=0)
+    return replace(record, runs=tuple(runs), place="ik", eval_seed=0)
 
 
 def test_a_right_label_is_drawn_and_a_wrong_one_reported(record, pictures, command, tmp_path):
@@ -119,7 +119,7 @@ def test_what_a_user_gets_wrong_ends_in_one_line(record, command, tmp_path, monk
     monkeypatch.setattr("perdure.home.failures.replay_failure", lambda *given: pytest.fail("it was found out too late"))
     others = {
         "logs": record,
-        "foreign": replace(record, strategy="TP+SRL"),
+        "foreign": replace(record, place="TP+SRL"),
         "changed": replace(record, episode_hash="other"),
     }
     for name, each in others.items():

@@ -134,18 +134,18 @@ def test_a_collision_is_shown_that_came_before_the_release():
 def test_a_drawer_that_comes_open_again_is_shown_where_it_does():
     """Closed at step 60, out by 0.12 m from step 160 on; the fridge, whose stage fails by it, is opened at 270."""
     story = Story("set_table")
-    story.drawer = 0.45
+    story.containers["drawer"] = 0.45
     story.go(0).wait(45)
     for skill, target, drawer, fridge in (("close_drawer", 0, 0.05, 0.0), ("navigate", 1, 0.12, 0.0)):
-        story.drawer, story.fridge = drawer, fridge
+        story.containers.update(drawer=drawer, fridge=fridge)
         with story.run(skill, target):
             story.wait(100)
     with story.run("open_fridge", 1):
         story.wait(10)
-        story.fridge = 2.0
+        story.containers["fridge"] = 2.0
         story.wait(10)
     replay = replay_of(story)
-    assert (replay.label.stage, replay.label.cause) == ("open_1", "door not closed")
+    assert (replay.label.stage.name, replay.label.cause) == ("open_1", "door not closed")
     taken = shown(replay)
     assert {step: note for step, note in taken.items() if note} == {160: "no longer closed"}
     assert (min(taken), max(taken), len(taken)) == (130, 279, PICTURES)
@@ -222,7 +222,7 @@ def test_a_sheet_shows_where_the_object_was(tmp_path, monkeypatch):
     monkeypatch.setattr("perdure.home.failures.SIZE", size)
     monkeypatch.setattr("perdure.home.pictures.Studio.shadows", 256)  # the large ones take most of the time
     replay = replay_of(rolls_away())
-    write_logs(tmp_path / "logs.parquet", [replace(replay.log, strategy="ik drag")], NOTES)
+    write_logs(tmp_path / "logs.parquet", [replace(replay.log, place="ik", world="drag only")], NOTES)
     (failure,) = read_logged([tmp_path / "logs.parquet"], "stabilizing")
     scene = episode_scene(failure.episode)
     world = VectorSimulator(1)

@@ -15,6 +15,7 @@ from perdure.home import film
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.policies import make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.film import Agent, Frame, film_episode, record
 from perdure.home.pictures import put, render_scene
 from perdure.home.sim.scene import SceneOptions
@@ -61,7 +62,7 @@ def test_a_recording_is_the_trajectory_of_the_protocol(monkeypatch):
     episode, mine, shown = load_episodes("set_table", "val")[5], agent(eval_seed=1, scene=SceneOptions(rolling=0.0)), []
     frames, log = record(episode, mine, shown.append)
     assert (len(frames), frames) == (log.length, shown)
-    assert (log.strategy, log.eval_seed) == ("rl drag", 1)
+    assert (log.strategy, log.eval_seed) == (Strategy("rl", "drag only"), 1)
 
     alone, grippers = [], []
 

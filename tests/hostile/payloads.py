@@ -92,9 +92,9 @@ def logs(path, text=lambda payload: payload, payloads=PAYLOADS, split=None):
     records = [
         replace(
             base,
-            **{"strategy": text(each), "episode_hash": text(each), "split": split or "val"},
+            **{"place": text(each), "world": text(each), "episode_hash": text(each), "split": split or "val"},
             targets=tuple(replace(target, kind=text(each)) for target in base.targets),
-            runs=tuple(replace(run, skill=f"{run.skill} {text(each)}") for run in base.runs),
+            runs=(replace(base.runs[0], skill=text(each), toward=text(each)), *base.runs),
             final_objects=tuple(replace(final, kind=text(each)) for final in base.final_objects),
         )
         for each in payloads

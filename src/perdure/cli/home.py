@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -16,7 +16,11 @@ from perdure.errors import PerdureError
 from perdure.home.sim.scene import SceneOptions, WorldOptions
 from perdure.report.charts import Format
 
-Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="tidy_house, prepare_groceries or set_table.")]
+if TYPE_CHECKING:
+    from perdure.home.evaluate.protocol import EvaluationProtocol
+    from perdure.learn.run import TrainRun
+
+Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A task of `perdure home list`, such as set_table.")]
 Logs = Annotated[
     tuple[Path, ...],
     tyro.conf.Positional,
@@ -39,6 +43,13 @@ PlannerName = Annotated[
     Literal["open", "closed"],
     tyro.conf.arg(help="open: the task's plan runs whatever happens. closed: it is planned again after each skill."),
 ]
+Fallback = Annotated[
+    Literal["oracle", "none"],
+    tyro.conf.arg(
+        help="With --planner closed, who acts once a skill has failed three times. oracle: the scripted oracle. none: "
+        "the policy again; after five attempts the target is given up and the plan goes on."
+    ),
+]
 World = Annotated[WorldOptions, tyro.conf.OmitArgPrefixes]
 
 
@@ -54,12 +65,13 @@ def list_names() -> None:
 
     from perdure.home.sim.objects import KINDS
     from perdure.home.skills import SKILLS
-    from perdure.home.tasks.episodes import load_episodes
+    from perdure.home.tasks.episodes import PUBLISHED, load_episodes, published_splits
     from perdure.home.tasks.tasks import TASKS
 
-    tasks = Table("task", "targets", "objects", "val", "eval", "eval-2", "steps", "stages", title="Tasks")
+    tasks = Table("task", "targets", "objects", *PUBLISHED, "steps", "stages", title="Tasks")
     for task in TASKS.values():
-        counts = [str(len(load_episodes(task.name, split))) for split in ("val", "eval", "eval-2")]
+        published = published_splits(task.name)
+        counts = [str(len(load_episodes(task.name, split))) if split in published else "-" for split in PUBLISHED]
         objects = len(task.targets) + sum(number for number, _ in task.clutter)
         stages = " ".join(stage.name for stage in task.stages)
         tasks.add_row(task.name, str(len(task.targets)), str(objects), *counts, str(task.max_steps), stages)
@@ -108,10 +120,12 @@ def episode(
     for column in table.columns:
         column.no_wrap = True
     for number, placement in enumerate(shown.objects):
-        place, at = placement.receptacle.split("|")[0], _point(placement.position)
+        place = placement.receptacle.split("|")[0]
+        at = _point(placement.position)
         if number < len(shown.goals):
             goal = shown.goals[number]
-            target = (shown.container(number) or "", at, goal.receptacle.split("|")[0], _point(goal.position))
+            goal_place = goal.receptacle.split("|")[0]
+            target = (shown.container(number) or "", at, goal_place, _point(goal.position))
             table.add_row(str(number), placement.kind, place, *target)
         else:
             table.add_row("", placement.kind, place, "", at, "", "")
@@ -128,14 +142,23 @@ def _point(position: tuple[float, float, float]) -> str:
     return " ".join(f"{value:.2f}" for value in position)
 
 
-def plan(task: Task) -> None:
-    """Show a task's plan as a STRIPS planner finds it."""
+def plan(task: Task, pddl: bool = False) -> None:
+    """Show a task's plan as a STRIPS planner finds it.
+
+    Args:
+        pddl: Print the planning domain and the task's problem in PDDL instead, as other planners read them.
+    """
     from rich.console import Console
     from rich.table import Table
 
     from perdure.home.skills import get_skill
-    from perdure.home.tasks.planning import make_plan
+    from perdure.home.tasks.domain import HOME
+    from perdure.home.tasks.pddl import domain_pddl, problem_pddl
+    from perdure.home.tasks.planning import make_plan, plan_problem
 
+    if pddl:
+        print(f"{domain_pddl(HOME)}\n{problem_pddl(plan_problem(task))}", end="")
+        return
     table = Table("", "skill", "target", "then", "step limit", title=f"Plan of {task}", box=None)
     for number, step in enumerate(make_plan(task), 1):
         table.add_row(str(number), step.skill, str(step.target), step.toward or "", str(get_skill(step.skill).limit))
@@ -156,6 +179,7 @@ class Shown:
     train_seed: int = 0
     """Training seed of the shipped policies."""
     planner: PlannerName = "open"
+    fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""
     logs: tuple[Path, ...] = ()
@@ -173,21 +197,22 @@ class Shown:
 
         if self.train_seed < 0:
             raise PerdureError(f"--train-seed must be 0 or more, not {self.train_seed}")
-        chosen, episode = parse_policies(self.policies), load_episodes(self.task, self.split)[self.index]
+        chosen = parse_policies(self.policies)
+        episode = load_episodes(self.task, self.split)[self.index]
         if not self.logs:
             scene = SceneOptions(**vars(self.world))
-            options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner)
+            options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner, fallback=self.fallback)
             first = EvaluationProtocol(self.task, "rl", self.split, episodes=1, policies=chosen, options=options)
             named = [replace(first, place=each) for each in self.place or ("rl",)]
             return episode, [Agent(each, self.train_seed) for each in named]
-        if (self.planner, self.world) != ("open", WorldOptions()):
-            raise PerdureError("with --logs, planner and physics are those of the logs: leave them out")
+        if (self.planner, self.fallback, self.world) != ("open", "oracle", WorldOptions()):
+            raise PerdureError("with --logs, planner, fallback and physics are those of the logs: leave them out")
         runs = read_logged(
             log_files(self.logs),
             wanted=lambda log: (
                 (log.task, log.split, log.index, log.eval_seed) == (self.task, self.split, self.index, self.eval_seed)
                 and log.train_seed in (self.train_seed, UNTRAINED)
-                and (not self.place or log.strategy.partition(" ")[0] in self.place)
+                and (not self.place or log.place in self.place)
             ),
         )
         if not runs:
@@ -221,7 +246,7 @@ def video(
     episode, agents = shown.open()
     for log in film_episode(episode, out, agents, camera, size=size, speed=speed, release=release):
         stages = latched(log)
-        print(f"{log.strategy}: {sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
+        print(f"{log.strategy.name}: {sum(stages)} of {len(stages)} stages reached in {log.steps} steps")
     print(out)
 
 
@@ -240,13 +265,41 @@ def view(shown: ShownFlags, port: int = 8080, speed: float = 1.0) -> None:
         print()
 
 
+@dataclass(frozen=True)
+class Training:
+    """What a skill is trained on, and how."""
+
+    task: str = "set_table"
+    """The task whose objects and receptacles it is trained on."""
+    variant: str | None = None
+    """For place: gentle, hand or delta-N, see `perdure home run --help`."""
+    method: str = "ppo"
+    """ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`."""
+    seeds: tuple[int, ...] = (0,)
+    """Training seeds, such as 0 1 2, trained side by side."""
+    steps: int | None = None
+    """Environment steps; the recipe's by default."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the options of the skill; PerdureError for what was asked for together and does not fit."""
+        from perdure.home.skills.place import variant_options
+
+        if self.variant is None:
+            return {}
+        if self.method != "ppo":
+            raise PerdureError("give --variant or --method: no --place names a policy that was trained with both")
+        return dict(variant_options(self.variant))
+
+    def run(self, skill: str) -> TrainRun:
+        """Return the training run of a skill."""
+        from perdure.home.skills.train import skill_run
+
+        return skill_run(skill, self.task, self.seeds, self.steps, self.method, **self.options())
+
+
 def train(
     skill: tyro.conf.Positional[str],
-    task: str = "set_table",
-    variant: str | None = None,
-    method: str = "ppo",
-    seeds: tuple[int, ...] = (0,),
-    steps: int | None = None,
+    training: Annotated[Training, tyro.conf.OmitArgPrefixes] = Training(),
     test_episodes: int = 200,
     out: Path = Path("runs"),
     cores: Cores = None,
@@ -256,17 +309,11 @@ def train(
 
     Args:
         skill: pick, place, open_drawer, close_drawer, open_fridge, close_fridge or navigate.
-        task: The task whose objects and receptacles it is trained on.
-        variant: For place: gentle, hand or delta-N, see `perdure home run --help`.
-        method: ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`.
-        seeds: Training seeds, such as 0 1 2, trained side by side.
-        steps: Environment steps; the recipe's by default.
         test_episodes: Episodes on val starts after training.
         out: Folder of the runs.
     """
     from perdure.home.evaluate.plan_starts import record_plan_starts
-    from perdure.home.skills.place import variant_options
-    from perdure.home.skills.train import evaluate_skill, skill_run
+    from perdure.home.skills.train import evaluate_skill
     from perdure.learn.run import train
     from perdure.policy import load_policy
     from perdure.runs import check_on
@@ -274,31 +321,62 @@ def train(
 
     if test_episodes < 1:
         raise PerdureError(f"--test-episodes must be 1 or more, not {test_episodes}")
-    if variant is not None and method != "ppo":
-        raise PerdureError("give --variant or --method: no --place names a policy that was trained with both")
-    options = {} if variant is None else variant_options(variant)
+    options = training.options()
     check_folder(out)
     check_on(on)
-    skill_run(skill, task, seeds, steps, method, **options)  # what is wrong is said before the minutes of recording
-    record_plan_starts(task)
-    with show_progress(f"{task} {skill}", "steps") as show:
-        made = skill_run(skill, task, seeds, steps, method, **options)
-        paths = train(made, out, cores=cores, on=on, observe=show)
+    training.run(skill)  # what is wrong is said before the minutes of recording
+    record_plan_starts(training.task)
+    with show_progress(f"{training.task} {skill}", "steps") as show:
+        paths = train(training.run(skill), out, cores=cores, on=on, observe=show)
     for path in paths:
-        score = evaluate_skill(load_policy(path), skill, test_episodes, task=task, **options)
+        score = evaluate_skill(load_policy(path), skill, test_episodes, task=training.task, **options)
         print(f"{path}\n  {score.summary()}")
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What is run of a task."""
+
+    place: str = "rl"
+    """One release strategy: what happens when the policy commands the hand to open. rl: it opens at once. Hand-overs,
+    in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm), guarded (then lowers the
+    object until it touches down). Policies trained otherwise: delta-N (the object must stay for N steps), gentle
+    (release at rest), hand (Cartesian actions), linear and geometric (time-to-go), linear-N and geometric-N (always N
+    steps to go). gentle is shipped for set_table."""
+    split: Split = "val"
+    episodes: int = 100
+    """Number of episodes of the split, from its first one."""
+    train_seeds: int = 1
+    """Number of training seeds, from seed 0; each has its own policies. Three are shipped."""
+    eval_seeds: int = 1
+    """Number of evaluation seeds; each draws the robot's start poses."""
+    policies: Policies = ()
+    planner: PlannerName = "open"
+    fallback: Fallback = "oracle"
+    world: World = WorldOptions()  # noqa: RUF009 - frozen
+    """The variant of the physics."""
+
+    def protocol(self, task: str) -> EvaluationProtocol:
+        """Return the protocol of a task."""
+        from perdure.home.evaluate.execute import ExecutorOptions
+        from perdure.home.evaluate.protocol import EvaluationProtocol
+
+        scene = SceneOptions(**vars(self.world))
+        return EvaluationProtocol(
+            task,
+            self.place,
+            self.split,
+            self.episodes,
+            self.train_seeds,
+            self.eval_seeds,
+            policies=parse_policies(self.policies),
+            options=ExecutorOptions(scene=scene, planner=self.planner, fallback=self.fallback),
+        )
 
 
 def run(
     task: Task,
-    place: str = "rl",
-    split: Split = "val",
-    episodes: int = 100,
-    train_seeds: int = 1,
-    eval_seeds: int = 1,
-    policies: Policies = (),
-    planner: PlannerName = "open",
-    world: World = WorldOptions(),  # noqa: B008 - frozen
+    runs: Annotated[Runs, tyro.conf.OmitArgPrefixes] = Runs(),
     cores: Cores = None,
     on: On = "local",
     out: Path = Path("home-runs"),
@@ -309,26 +387,15 @@ def run(
     The report lies beside the logs. `perdure home analyze` compares several release strategies.
 
     Args:
-        place: One release strategy: what happens when the policy commands the hand to open. rl: it opens at once.
-            Hand-overs, in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm),
-            guarded (then lowers the object until it touches down). Policies trained otherwise: delta-N (the object must
-            stay for N steps), gentle (release at rest), hand (Cartesian actions), linear and geometric (time-to-go),
-            linear-N and geometric-N (always N steps to go). gentle is shipped for set_table.
-        episodes: Number of episodes of the split, from its first one.
-        train_seeds: Number of training seeds, from seed 0; each has its own policies. Three are shipped.
-        eval_seeds: Number of evaluation seeds; each draws the robot's start poses.
-        world: The variant of the physics.
         out: Folder of the logs.
         command: The command line, stored with the logs.
     """
-    from perdure.home.evaluate.execute import ExecutorOptions
-    from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
+    from perdure.home.evaluate.protocol import run_protocol
     from perdure.runs.progress import show_progress
 
     check_folder(out)
-    chosen, options = parse_policies(policies), ExecutorOptions(scene=SceneOptions(**vars(world)), planner=planner)
-    protocol = EvaluationProtocol(task, place, split, episodes, train_seeds, eval_seeds, chosen, options)
-    with show_progress(f"{task} {place}", "episodes") as observe:
+    protocol = runs.protocol(task)
+    with show_progress(f"{task} {protocol.place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
     _compare(paths, out / protocol.folder, command, {}, ("png",))
     print(f"Logs: {out}")

@@ -23,12 +23,13 @@ from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
 from perdure.home.film import SMALL, TITLE, Agent, caption, record, skill_words
 from perdure.home.pictures import Follower, Studio, goal_marks, put, render_scene
 from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.episodes import Episode, episode_hash, load_episodes
 from perdure.home.tasks.planners import needed_skills
-from perdure.home.tasks.tasks import AT, NOTHING, Predicate, get_task
+from perdure.home.tasks.tasks import AT, NOTHING, PAST, Predicate, Verb, get_task
+from perdure.report.charts import slug
 
 PICTURES = 8
 BEFORE = CONTROL_HZ
@@ -102,14 +103,14 @@ class Logged:
         """Return a label of this episode as text, such as `place_1, rolled, 013_apple`."""
         if found is None:
             return "no failure"
-        return f"{found.stage}, {found.cause}, {self.log.targets[found.target].kind}"
+        return f"{found.stage.name}, {found.cause}, {self.log.targets[found.target].kind}"
 
     @property
     def file_name(self) -> str:
         """Such as `set_table-val-ik-drag-train-0-eval-0-003.png`."""
         log = self.log
         seeds = f"train-{log.train_seed}-eval-{log.eval_seed}"
-        return f"{log.task}-{log.split}-{log.strategy}-{seeds}-{log.index:03d}.png".replace(" ", "-")
+        return f"{log.task}-{log.split}-{slug(log.strategy.name)}-{seeds}-{log.index:03d}.png"
 
 
 def read_logged(
@@ -177,7 +178,7 @@ def picture_steps(replay: Replay, found: Label) -> dict[int, str]:
         keys = {max(0, log.length - 2 * CONTROL_HZ): "", log.length - 1: "diverges"}
     elif release is not None:
         keys, way = _after_release(replay, release)
-        placed = log.run("place", found.target)
+        placed = log.run(Verb.PLACE, found.target)
         if placed and found.cause == "collision":
             keys |= _hardest(replay.history, placed)
     else:
@@ -233,7 +234,7 @@ def _in_run(replay: Replay, found: Label) -> dict[int, str]:
         return keys | {first + int(np.argmin(away)): f"nearest, {away.min():.3f} m away"}
     if condition is not None and found.cause.startswith("door") and not _its_own(log, found, condition):
         holds = condition.holds(history.facts)[: last + 1]
-        undone = f"no longer {condition.name.partition('_')[0]}"
+        undone = f"no longer {condition.name}"
         for step in (1 + np.flatnonzero(holds[:-1] & ~holds[1:])[-1:]).tolist():
             keys[max(0, step - BEFORE)] = ""
             keys[step] = undone
@@ -248,19 +249,18 @@ def _hardest(history: History, run: SkillRun) -> dict[int, str]:
 
 def _its_own(log: EpisodeLog, found: Label, condition: Predicate) -> bool:
     """Return whether the stage's own skill establishes a condition; otherwise something undid it."""
-    verb, _, number = found.stage.partition("_")
-    return condition.name.startswith(verb) and condition.name.endswith(log.targets[int(number)].container)
+    container = log.targets[found.stage.target].container
+    return condition.name == PAST[found.stage.verb] and condition.container == container
 
 
 def failed_run(log: EpisodeLog, found: Label) -> SkillRun | None:
     """Return the run of the label's skill, or its navigation if that collided harder; else the last run."""
-    skill, _, number = found.stage.partition("_")
-    run = log.run(skill, int(number))
+    run = log.run(found.stage.verb, found.stage.target)
     if run is None:
         return log.runs[-1] if log.runs else None
     if found.cause != "collision":
         return run
-    ways = [r for r in log.runs if r.skill == "navigate" and r.target == run.target and r.end <= run.begin]
+    ways = [r for r in log.runs if r.skill == Verb.NAVIGATE and r.target == run.target and r.end <= run.begin]
     return max((run, *ways[-1:]), key=lambda each: each.force)
 
 
@@ -306,7 +306,7 @@ def failure_sheet(failure: Logged, replay: Replay) -> Picture:
             pictures.append(annotate(studio.take(shot, marks), (), below))
 
     # What is written above them.
-    title = f"{log.task} {log.split} {log.index:03d}, {log.strategy}: {failure.words(replay.label)}"
+    title = f"{log.task} {log.split} {log.index:03d}, {log.strategy.name}: {failure.words(replay.label)}"
     numbers = _numbers(replay, found)
     if replay.label != failure.label:
         numbers = f"the logs have another label for it: {failure.words(failure.label)}"
@@ -320,24 +320,24 @@ def _view(episode: Episode, replay: Replay, found: Label, step: int) -> tuple[Fl
     gripper = replay.history.gripper[step]
     condition = found.condition
     thing = facts.object_positions[step, found.target]
-    name = found.stage
+    about: str = found.stage.verb
     if condition is not None:
-        name = condition.name
-    if name.startswith(("at", "place", "not_holding")):
+        about = condition.name
+    if about in ("at", "not_holding", Verb.PLACE):
         goal = episode.goal_positions[found.target]
         return np.stack([thing, goal]), f"{np.linalg.norm(thing - goal):.2f} m from its goal"
-    if name.startswith(("holding", "pick")):
+    if about in ("holding", Verb.PICK):
         words = f"{np.linalg.norm(thing - gripper):.2f} m away"
         if facts.held[step] == found.target:
             words = "in the hand"
         return np.stack([thing, gripper]), words
-    containers = [episode.container(target) for target in range(len(episode.goals))]
-    fridge = containers[found.target] == FRIDGE_DOOR if condition is None else name.endswith("fridge")
-    link = FRIDGE_DOOR if fridge else next(each for each in containers if each not in (None, FRIDGE_DOOR))
-    opened = max(float((facts.fridge if fridge else facts.drawer)[step]), 0.0)
-    handle = np.array(episode.apartment().handle_to_room(str(link), opened))
+    name = replay.log.targets[found.target].container
+    if condition is not None and condition.container is not None:
+        name = condition.container
+    opened = max(float(facts.containers[name][step]), 0.0)
+    handle = np.array(episode.apartment().handle_to_room(str(episode.container_links()[name]), opened))
     hand = float(np.linalg.norm(handle - gripper))
-    words = f"{opened:.2f} {'rad' if fridge else 'm'} open"
+    words = f"{opened:.2f} {CONTAINERS[name].unit} open"
     if hand > FAR_HAND:
         return np.stack([handle, handle]), words
     return np.stack([handle, gripper]), f"{words}, hand {hand:.2f} m"
@@ -374,6 +374,6 @@ def _numbers(replay: Replay, found: Label) -> str:
         return "no skill ended"
     span = f"{run.begin / CONTROL_HZ:.1f} to {run.end / CONTROL_HZ:.1f} s"
     reach = ""
-    if run.skill == "pick":
+    if run.skill == Verb.PICK:
         reach = f"; hand {run.reach:.3f} m away at best"
     return f"{run.skill.replace('_', ' ')}: {span}, {run.ending}; largest contact force {run.force:.0f} N{reach}"

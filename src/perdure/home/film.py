@@ -45,7 +45,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode
-from perdure.home.tasks.tasks import SkillName, SkillStep
+from perdure.home.tasks.tasks import SKILL_CONTAINERS, SKILL_VERBS, SkillName, SkillStep, Verb
 
 BEFORE = 45
 AFTERWARDS = 90
@@ -81,8 +81,8 @@ class Agent:
 
     @property
     def title(self) -> str:
-        """Such as `stop, drag only`."""
-        return describe(self.protocol.name)
+        """Such as `stop first, drag only`."""
+        return describe(self.protocol.strategy)
 
     @property
     def caption(self) -> str:
@@ -94,9 +94,10 @@ class Agent:
             words = "learned policies"
         else:
             words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
-        if learned and self.protocol.options.planner == "closed":
+        options = self.protocol.options
+        if learned and options.planner == "closed" and options.fallback == "oracle":
             words += ", after three failures the oracle"
-        return f"{self.protocol.name}: {words}"
+        return f"{self.protocol.strategy.name}: {words}"
 
 
 def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> list[Row]:
@@ -110,15 +111,15 @@ def caption(words: str, clock: str, stages: Iterable[tuple[str, bool]] = ()) -> 
 
 def skill_words(episode: Episode, step: SkillStep | SkillRun) -> str:
     """Return what the robot does in a skill, such as `pick the bowl, attempt 2`."""
-    if step.skill == "reset_arm":
+    if step.skill == Verb.RESET_ARM:
         return "reset the arm"
     skill = step.skill
     prefix = ""
-    if step.skill == "navigate":
-        skill = step.toward or "pick"
+    if step.skill == Verb.NAVIGATE:
+        skill = step.toward or Verb.PICK.value
         prefix = "navigate to "
-    verb, _, kind = skill.partition("_")
-    words = f"{prefix}{verb} the {kind or short_name(episode.objects[step.target].kind)}"
+    thing = SKILL_CONTAINERS.get(skill) or short_name(episode.objects[step.target].kind)
+    words = f"{prefix}{SKILL_VERBS.get(skill, skill)} the {thing}"
     if step.attempt > 1:
         words += f", attempt {step.attempt}"
         if step.scripted:
@@ -187,7 +188,7 @@ def record(
     protocol = agent.protocol
     options = replace(protocol.options, lanes=1, threads=1)
     acts = make_agents(agent.policies, protocol.release.strategy)
-    executor = Executor(protocol.skills(), acts, options, strategy=protocol.name, train_seed=agent.train_seed)
+    executor = Executor(protocol.skills(), acts, options, place=protocol.place, train_seed=agent.train_seed)
     (log,) = executor.run([episode], observe)
     return frames, log
 
@@ -195,13 +196,13 @@ def record(
 def _focus(skill: SkillName, state: PrivilegedState) -> tuple[FloatArray | None, int]:
     """Return the point of the room that a skill is about, shape (3,), and the number of the object there, else -1."""
     target = int(state.target[0])
-    if skill == "reset_arm":
+    if skill == Verb.RESET_ARM:
         return None, -1
-    if skill == "pick":
+    if skill == Verb.PICK:
         return state.object[0].copy(), target
-    if skill == "place":
+    if skill == Verb.PLACE:
         return state.goal[0].copy(), target
-    if skill == "navigate":
+    if skill == Verb.NAVIGATE:
         return state.aim[0].copy(), -1
     return state.handle[0].copy(), -1
 

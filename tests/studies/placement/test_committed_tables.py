@@ -1,5 +1,6 @@
 """The committed tables: the analysis makes them again, sentences about them hold, damaged ones are refused."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from perdure.errors import PerdureError
 from studies.files import read_csv
 from studies.placement import study
 from studies.placement.grid import GRIDS, RELEASES, TASKS
-from studies.placement.tables import COLUMNS, OPTIONAL, PAGE_TABLES, read_tables
+from studies.placement.tables import COLUMNS, KEYS, OPTIONAL, PAGE_TABLES, read_tables
 
 ROOT = Path(__file__).parents[3]
 COMMITTED = ROOT / "results" / "placement"
@@ -41,13 +42,14 @@ def test_the_analysis_writes_the_same_files_again(again):
 
 
 def test_every_table_of_the_page_is_one_of_the_study_and_not_empty(tables):
-    assert all(make(tables).height > 0 for make in PAGE_TABLES.values())
+    named = re.findall(r"<!-- table: (\S+) -->", (COMMITTED / "README.md").read_text())
+    assert all(PAGE_TABLES[name](tables).height > 0 for name in named)
     first = PAGE_TABLES["tasks"](tables).row(0, named=True)
     assert (first["task"], first["release"], first["open"]) == ("SetTable", "`rl`", "92.8 % [92, 94]")
 
 
 def test_counts_fit_together(tables):
-    keys = ["task", "split", "strategy"]
+    keys = list(KEYS)
     totals = tables["success"].select(*keys, "episodes", "did_not_last", latched=pl.col("latched mean"))
     counts = (
         tables["outcomes"]
@@ -68,14 +70,20 @@ def test_counts_fit_together(tables):
 
 def test_what_the_answer_says_holds(tables):
     """Planning again wins in every task; how the hand opens decides where only drag slows a rolling object."""
-    rows = {(row["task"], row["strategy"]): row for row in tables["success"].filter(split="eval").to_dicts()}
+    success = tables["success"].filter(split="eval")
+    usual = {"place": "rl", "world": ""}
+    closed_loop = {"planner": "closed", "fallback": "oracle"}
+
+    def row(task, place="rl", world="", planner="closed", fallback="oracle"):
+        what = {"place": place, "world": world, "planner": planner, "fallback": fallback}
+        return success.filter(task=task, **what).row(0, named=True)
+
     for task in TASKS:
-        opened, closed, unseen = (
-            rows[task, "rl"],
-            rows[task, "rl closed"],
-            tables["success"].filter(task=task, split="eval-2", strategy="rl closed").row(0, named=True),
-        )
-        (gain,) = tables["differences"].filter(task=task, split="eval", first="rl", second="rl closed").to_dicts()
+        opened, closed = row(task, planner="open", fallback="none"), row(task)
+        unseen = tables["success"].filter(task=task, split="eval-2", **usual, **closed_loop).row(0, named=True)
+        pair = {"first place": "rl", "first planner": "open", "second place": "rl", "second planner": "closed"}
+        same = {"first world": "", "second world": "", "second fallback": "oracle"}
+        (gain,) = tables["differences"].filter(task=task, split="eval", **pair, **same).to_dicts()
         assert gain["episodes lower"] > 0.0
         assert gain["episodes estimate"] == pytest.approx(
             closed["stabilizing mean"] - opened["stabilizing mean"], abs=1e-6
@@ -84,17 +92,16 @@ def test_what_the_answer_says_holds(tables):
         assert closed["unaided"] >= 0.93 * closed["episodes"]
         assert abs(closed["stabilizing mean"] - unseen["stabilizing mean"]) <= 0.03
     unseen_split = pl.col("split").str.starts_with("eval")
-    unaided = tables["success"].filter(unseen_split, strategy="rl closed")
+    unaided = tables["success"].filter(unseen_split, **usual, **closed_loop)
     shares = unaided["unaided"] / unaided["episodes"]
-    closed, opened = (
-        pl.Series([rows[task, strategy]["stabilizing mean"] for task in TASKS]) for strategy in ("rl closed", "rl")
-    )
-    drag = pl.Series([rows["set_table", f"{place} drag closed"]["stabilizing mean"] for place in ("rl", "stop")])
+    closed = pl.Series([row(task)["stabilizing mean"] for task in TASKS])
+    opened = pl.Series([row(task, planner="open", fallback="none")["stabilizing mean"] for task in TASKS])
+    drag = pl.Series([row("set_table", place, "drag only")["stabilizing mean"] for place in ("rl", "stop")])
     rolling = PAGE_TABLES["rolling"](tables).filter(task="SetTable")
     before, after = (rolling.filter(release=f"`{place}`")["0 mm"][0] for place in ("rl", "stop"))
     assert ("[52, 100]" in before, "[93, 100]" in after) == (True, True)
     alone = pl.Series([float(each.partition("; ")[2].removesuffix(" %")) / 100 for each in (before, after)])
-    others = pl.Series([rows[task, f"{place} closed"]["stabilizing mean"] for task in TASKS for place in RELEASES[1:]])
+    others = pl.Series([row(task, place)["stabilizing mean"] for task in TASKS for place in RELEASES[1:]])
     for page, said, found in (
         ("README.md", "all are in place at the end, in {:.0f} to {:.0f} %", shares),
         ("README.md", "from {:.0f} % [52, 100] to {:.0f} % [93, 100] (150 episodes each", drag),
@@ -120,19 +127,18 @@ def test_what_the_answer_says_holds(tables):
     assert closed.min() >= 0.99
     (stopped,) = (
         tables["differences"]
-        .filter(task="set_table", split="eval", first="rl drag closed", second="stop drag closed")
+        .filter(task="set_table", split="eval", **{"first place": "rl", "second place": "stop"})
+        .filter(**{"first world": "drag only", "first planner": "closed", "first fallback": "oracle"})
         .to_dicts()
     )
     assert stopped["episodes lower"] > 0.0
-    assert all(
-        rows["set_table", row.strategy]["stabilizing mean"] >= 0.8 for row in GRIDS["thesis"] if row.place == "gentle"
-    )
+    assert (success.filter(place="gentle")["stabilizing mean"] >= 0.8).all()
+    assert len(success.filter(place="gentle")) == sum(each.place == "gentle" for each in GRIDS["thesis"])
 
 
 def test_what_pages_say_of_bowls_and_of_release_speeds(tables):
-    bowls = (
-        tables["kinds"].filter(task="set_table", split="eval", strategy="rl closed", kind="024_bowl").row(0, named=True)
-    )
+    what = {"place": "rl", "world": "", "planner": "closed", "fallback": "oracle", "kind": "024_bowl"}
+    bowls = tables["kinds"].filter(task="set_table", split="eval", **what).row(0, named=True)
     home, page = (
         " ".join((ROOT / name).read_text().split()) for name in ("docs/home/index.md", "results/placement/README.md")
     )

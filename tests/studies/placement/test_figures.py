@@ -2,8 +2,9 @@
 
 import polars as pl
 
+from perdure.home.evaluate.strategy import Strategy
 from studies.placement.figures import draw_figures, rolling_figures, speed_figures
-from studies.placement.tables import COLUMNS, PAGE_TABLES, read_tables, success_rows
+from studies.placement.tables import COLUMNS, PAGE_TABLES, SETTING, read_tables, success_rows
 
 KEYS = {"task": "set_table", "split": "eval"}
 
@@ -26,15 +27,23 @@ def test_release_speed_draws_shares_of_enough_placements_without_a_hand_over():
     assert "apples (n = 60)" in str(chart)
 
 
-def success(tmp_path, names, **numbers):
+def closed(place, world=""):
+    return Strategy(place, world, "closed", "oracle")
+
+
+def success(tmp_path, strategies, **numbers):
     base = dict.fromkeys(empty(tmp_path)["success"].columns)
-    rows = [{**base, **KEYS, "episodes": 30, "train_seeds": 3, **numbers, "strategy": name} for name in names]
+    rows = []
+    for strategy in strategies:
+        named = {name: getattr(strategy, name) for name in SETTING}
+        rows.append({**base, **KEYS, "episodes": 30, "train_seeds": 3, **numbers, **named})
     return {**empty(tmp_path), "success": pl.DataFrame(rows, schema=empty(tmp_path)["success"].schema)}
 
 
 def test_rows_come_by_task_strategy_and_rolling_resistance(tmp_path):
-    names = ["stop closed", "rl", "rl drag closed", "gentle drag closed", "rl closed", "made-up"]
-    tables = success(tmp_path, names)
+    alone = Strategy("rl", "", "closed", "none")
+    drag = [closed("rl", "drag only"), closed("gentle", "drag only")]
+    tables = success(tmp_path, [closed("stop"), Strategy("rl"), *drag, closed("rl"), alone, Strategy("made-up")])
     assert [(row["place"], row["planner"], row["rolling"]) for row in success_rows(tables)] == [
         ("rl", "closed", 0.0),
         ("rl", "open", 0.0012),
@@ -47,7 +56,7 @@ def test_rows_come_by_task_strategy_and_rolling_resistance(tmp_path):
 
 def test_tables_of_the_page_have_a_column_for_each_loop_and_each_rolling_resistance(tmp_path):
     numbers = {"stabilizing mean": 0.9, "stabilizing lower": 0.8, "stabilizing upper": 1.0, "unaided": 24}
-    tables = success(tmp_path, ["rl", "rl closed", "rl drag closed"], **numbers)
+    tables = success(tmp_path, [Strategy("rl"), closed("rl"), closed("rl", "drag only")], **numbers)
     said = "90.0 % [80, 100]"
     assert PAGE_TABLES["tasks"](tables).to_dicts() == [
         {
@@ -64,8 +73,8 @@ def test_tables_of_the_page_have_a_column_for_each_loop_and_each_rolling_resista
 
 
 def test_the_figure_of_rolling_has_a_curve_for_each_strategy_with_all_four(tmp_path):
-    worlds = ("drag closed", "rolling-0.1-mm closed", "rolling-0.4-mm closed", "closed")
-    names = [f"rl {world}" for world in worlds] + [f"stop {world}" for world in worlds[1:]]
+    worlds = ("drag only", "rolling 0.1 mm", "rolling 0.4 mm", "")
+    names = [closed("rl", world) for world in worlds] + [closed("stop", world) for world in worlds[1:]]
     numbers = {"stabilizing mean": 0.5, "stabilizing lower": 0.2, "stabilizing upper": 0.8}
     (figure,) = rolling_figures(success(tmp_path, names, **numbers))
     assert "open at once" in str(figure.spec)

@@ -13,12 +13,13 @@ from perdure.runs import Store, attempt
 from studies.placement.figures import speed_figures
 from studies.placement.grid import Row
 from studies.placement.study import update_tables
-from studies.placement.tables import read_tables, write_tables
+from studies.placement.tables import PAGE_TABLES, read_tables, write_tables
 
 COMMITTED = Path(__file__).parents[3] / "results" / "placement" / "tables"
 ROW = Row("set_table", "stop", "eval", "closed", 0.0, 1, 1, 1, 1)
 GRID = (ROW,)
-SUBJECT = {"task": "set_table", "split": "eval", "strategy": "stop drag closed"}
+WHAT = {"place": "stop", "world": "drag only", "planner": "closed", "fallback": "oracle"}
+SUBJECT = {"task": "set_table", "split": "eval", **WHAT}
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +38,7 @@ def after(out):
 
 
 def others(table):
-    return table.filter(
-        ~((pl.col("task") == "set_table") & (pl.col("split") == "eval") & (pl.col("strategy") == "stop drag closed"))
-    )
+    return table.join(pl.DataFrame(SUBJECT), on=list(SUBJECT), how="anti", maintain_order="left")
 
 
 def test_a_row_of_which_episodes_are_missing_keeps_its_numbers(out):
@@ -53,7 +52,7 @@ def test_a_row_without_policies_is_refused(out):
         list(protocol_units(replace(ROW, place="delta-7").protocol(), "", Store(out)))
 
 
-@pytest.mark.parametrize("name", ["success", "seeds", "stages", "outcomes", "modes", "kinds", "hand-overs"])
+@pytest.mark.parametrize("name", ["success", "seeds", "stages", "outcomes", "modes", "kinds", "hand-overs", "counts"])
 def test_logs_replace_their_rows_and_no_other(out, after, name):
     before = read_tables(out / "tables")
     assert others(after[name]).equals(others(before[name]))
@@ -63,10 +62,12 @@ def test_logs_replace_their_rows_and_no_other(out, after, name):
 def test_logs_remove_the_differences_of_replaced_rows(out, after):
     before = read_tables(out / "tables")["differences"]
     gone = before.join(after["differences"], on=before.columns, how="anti", nulls_equal=True)
-    assert sorted(gone.select("task", "split", "second", "first").rows()) == [
-        ("set_table", "eval", "guarded drag closed", "stop drag closed"),
-        ("set_table", "eval", "stop drag closed", "rl drag closed"),
+    assert sorted(gone.select("task", "split", "second place", "first place").rows()) == [
+        ("set_table", "eval", "guarded", "stop"),
+        ("set_table", "eval", "stop", "rl"),
     ]
+    for name in ("world", "planner", "fallback"):
+        assert set(gone[f"first {name}"]) == set(gone[f"second {name}"]) == {WHAT[name]}
     assert len(after["differences"]) == len(before) - 2
 
 
@@ -85,6 +86,18 @@ def test_the_new_rows_tell_what_the_episode_did(after):
     stages = after["stages"].filter(**SUBJECT, counting="latched")
     assert stages["mean"][-1] == success["latched mean"]
     assert after["outcomes"].filter(**SUBJECT)["count"].sum() == 1
+
+
+def test_the_four_counts_of_new_rows_are_counted_and_shown(after):
+    (row,) = after["counts"].filter(**SUBJECT).to_dicts()
+    (success,) = after["success"].filter(**SUBJECT).to_dicts()
+    assert (row["episodes"], row["stays mean"]) == (1, success["stabilizing mean"])
+    assert row["all_four mean"] == min(row[f"{name} mean"] for name in ("stays", "upright", "undisturbed", "soft"))
+    alone = after["counts"].with_columns(world=pl.lit(""), fallback=pl.lit("none"))
+    usual = {**after, "counts": alone}
+    (shown,) = PAGE_TABLES["counts"](usual).to_dicts()
+    assert (shown["release"], shown["planner"], shown["fallback"]) == ("`stop`", "closed", "none")
+    assert shown["oracle took over"] == f"{row['taken_over']} of 1"
 
 
 def test_release_speeds_count_every_placement(after):

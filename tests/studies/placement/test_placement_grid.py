@@ -1,5 +1,6 @@
 """The grid holds every row of the committed table, by the commands that made them."""
 
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -10,18 +11,32 @@ from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.runs.identity import check_key
 from studies.placement import study
 from studies.placement.grid import GRIDS, make_grid
-from studies.placement.tables import read_tables
+from studies.placement.tables import KEYS, read_tables
 
 TABLES = Path(__file__).parents[3] / "results" / "placement" / "tables"
 
 
-def test_the_thesis_rows_are_those_of_the_committed_table():
+def test_the_thesis_rows_are_those_of_the_committed_table_and_those_not_run_yet():
     made = []
     for row in GRIDS["thesis"]:
         counts = row.train_seeds, row.eval_seeds, row.episodes * row.train_seeds * row.eval_seeds
-        made.append((row.task, row.split, row.strategy, *counts))
-    columns = ("task", "split", "strategy", "train_seeds", "eval_seeds", "episodes")
-    assert sorted(made) == sorted(read_tables(TABLES)["success"].select(columns).iter_rows())
+        strategy = row.strategy
+        what = strategy.place, strategy.world, strategy.planner, strategy.fallback
+        made.append((row.task, row.split, *what, *counts))
+    columns = (*KEYS, "train_seeds", "eval_seeds", "episodes")
+    known = set(read_tables(TABLES)["success"].select(columns).iter_rows())
+    assert len(set(made)) == len(made)
+    assert known <= set(made)
+    waiting = [row for row, counted in zip(GRIDS["thesis"], made, strict=True) if counted not in known]
+    assert {row.fallback for row in waiting} <= {"none"}
+
+
+def test_phase_5_is_the_closed_loop_with_and_without_fallback():
+    rows = {(row.task, row.place, row.fallback) for row in make_grid("thesis", (5,))}
+    tasks = ("set_table", "tidy_house", "prepare_groceries")
+    assert rows == set(product(tasks, ("rl", "stop"), ("oracle", "none")))
+    for row in make_grid("thesis", (5,)):
+        assert (row.planner, row.split, row.train_seeds * row.eval_seeds * row.episodes) == ("closed", "eval", 900)
 
 
 KINDS = {(name, row.task, row.split, row.strategy): row for name, grid in GRIDS.items() for row in grid}

@@ -1,15 +1,17 @@
 """Release strategies: what the robot does between the command to open the hand and the opening.
 
-A release strategy wraps the agent of place. When that agent commands the hand to open, it is frozen. The strategy's own
-motion runs, one action per step. Then the hand opens and the agent continues. When place times out with the target
-still in the hand, the executor gives the strategy time to do the same.
+A `HandOver` wraps the agent of place. When that agent commands the hand to open, it is frozen. The motion of the
+release strategy runs, one action per step. Then the hand opens and the agent continues. When place times out with the
+target still in the hand, the executor gives the strategy time to do the same.
+
+`ReleaseStrategy` is a vocabulary (`perdure.registry`): `perdure home run --place NAME` finds each of its classes.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator
+from abc import abstractmethod
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -27,12 +29,14 @@ from perdure.home.sim.simulator import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, F
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress
 from perdure.home.tasks.tasks import AT
+from perdure.registry import Registered
 
 STILL = 0.02
 """Speed of the gripper point in [m/s] below which the hand is at rest."""
 BASE_TOLERANCE = 0.01
 """Tolerance of the base pose after a stop in [m] and [rad] (our choice)."""
-RETURN_RATE, RETURN_SPEED = 10.0, 0.3
+RETURN_RATE = 10.0
+RETURN_SPEED = 0.3
 """The base returns at `RETURN_RATE` [1/s] times its error, at most at `RETURN_SPEED` in [m/s] and [rad/s] (our
 choice)."""
 STOP_STEPS = 45
@@ -56,7 +60,8 @@ class HandOverView(LaneView):
     @property
     def base_error(self) -> tuple[float, float]:
         """Displacement back to the base pose at the freeze: forward in [m], turn to the left in [rad]."""
-        base, frozen = self.base, self.frozen
+        base = self.base
+        frozen = self.frozen
         forward = math.cos(base.yaw) * (frozen.x - base.x) + math.sin(base.yaw) * (frozen.y - base.y)
         return forward, math.remainder(frozen.yaw - base.yaw, math.tau)
 
@@ -72,12 +77,27 @@ class HandOverView(LaneView):
         return float(norm(self.state.gripper_velocity)[0])
 
 
+class ReleaseStrategy(Registered):
+    """What the robot does between the command to open the hand and the opening; subclasses are frozen dataclasses."""
+
+    words: ClassVar[str]
+    """What it does, for tables and figures: "stop first"."""
+
+    @abstractmethod
+    def motion(self, view: HandOverView) -> Motion:
+        """Return actions until the hand may open; the opening itself is not one of them."""
+
+    def around(self, inner: SkillAgent) -> SkillAgent:
+        """Return an agent for `place` that acts as another one and releases by this strategy."""
+        return HandOver(inner, self)
+
+
 @dataclass
-class HandOver(ABC):
-    """An agent for `place` that adds a motion before the release."""
+class HandOver:
+    """An agent for `place` that adds the motion of a release strategy before the release."""
 
     inner: SkillAgent
-    name: ClassVar[str]
+    strategy: ReleaseStrategy
     outcomes: list[str] = field(default_factory=list)
     """Outcome of each hand-over, in the order in which they ended."""
     _motions: dict[int, Motion] = field(default_factory=dict)
@@ -87,10 +107,6 @@ class HandOver(ABC):
     def needs_scan(self) -> bool:
         """See `SkillAgent.needs_scan`."""
         return self.inner.needs_scan
-
-    @abstractmethod
-    def motion(self, view: HandOverView) -> Motion:
-        """Return actions until the hand may open; the opening itself is not one of them."""
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
@@ -110,7 +126,7 @@ class HandOver(ABC):
                 out_of_time = progress.elapsed[row] >= skill.limit
                 if state.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
                     view = self._views[int(lanes[row])] = HandOverView(state[row : row + 1])
-                    self._motions[int(lanes[row])] = self.motion(view)
+                    self._motions[int(lanes[row])] = self.strategy.motion(view)
                 else:
                     actions[row] = action
         for row, lane in enumerate(map(int, lanes)):
@@ -167,14 +183,31 @@ def stop_above_goal(view: HandOverView) -> Generator[FloatArray, None, bool]:
     return view.above_goal
 
 
-@dataclass
-class Stop(HandOver):
+@dataclass(frozen=True)
+class AtOnce(ReleaseStrategy):
+    """The hand opens at once, in motion: the agent of place itself, without a hand-over."""
+
+    name = "rl"
+    words = "open at once"
+
+    def motion(self, view: HandOverView) -> Motion:
+        """See `ReleaseStrategy.motion`."""
+        yield from ()
+
+    def around(self, inner: SkillAgent) -> SkillAgent:
+        """Return the agent as it is."""
+        return inner
+
+
+@dataclass(frozen=True)
+class Stop(ReleaseStrategy):
     """The base returns to its pose of the freeze; when the hand is at rest it opens."""
 
     name = "stop"
+    words = "stop first"
 
     def motion(self, view: HandOverView) -> Motion:
-        """See `HandOver.motion`."""
+        """See `ReleaseStrategy.motion`."""
         yield from stop(view)
 
 
@@ -186,8 +219,8 @@ OUT_OF_REACH = 0.02
 """Largest error in [m] of a reached end point; beyond it the point counts as out of reach."""
 
 
-@dataclass
-class Ik(HandOver):
+@dataclass(frozen=True)
+class Ik(ReleaseStrategy):
     """The end effector goes from (x, y, z) to (x, y, z - epsilon) by inverse kinematics (thesis, section 2.2).
 
     The thesis assumes that (x, y, z) is directly above the goal region; here it is checked. When it is not (outcome
@@ -196,13 +229,17 @@ class Ik(HandOver):
     """
 
     name = "ik"
+    words = "stop, lower 5 cm"
+
     epsilon: float = EPSILON
+    """Depth of the descent in [m]."""
 
     def motion(self, view: HandOverView) -> Motion:
-        """See `HandOver.motion`."""
+        """See `ReleaseStrategy.motion`."""
         if not (yield from stop_above_goal(view)):
             return
-        start, rotation = view.state.gripper_in_base[0].copy(), view.state.gripper_rotation[0].copy()
+        start = view.state.gripper_in_base[0].copy()
+        rotation = view.state.gripper_rotation[0].copy()
         end = start - (0.0, 0.0, self.epsilon)
         if reach(end, rotation, view.arm)[1] > OUT_OF_REACH:
             view.outcome = "out of reach"
@@ -221,8 +258,8 @@ LAG = 0.005
 a free descent lags by less than 2 mm)."""
 
 
-@dataclass
-class Guarded(HandOver):
+@dataclass(frozen=True)
+class Guarded(ReleaseStrategy):
     """Descent until the hand lags behind its servos' targets: a guarded move, which feels contact by joint encoders.
 
     Then the targets return to where the hand is, so that it does not press on the object that it releases. Outcomes
@@ -230,12 +267,14 @@ class Guarded(HandOver):
     """
 
     name = "guarded"
+    words = "stop, lower to contact"
 
     def motion(self, view: HandOverView) -> Motion:
-        """See `HandOver.motion`."""
+        """See `ReleaseStrategy.motion`."""
         if not (yield from stop_above_goal(view)):
             return
-        start, rotation = view.state.gripper_in_base[0].copy(), view.state.gripper_rotation[0].copy()
+        start = view.state.gripper_in_base[0].copy()
+        rotation = view.state.gripper_rotation[0].copy()
         view.outcome = "no contact"
         for wanted in descent(start, DEEPEST):
             if lag(view) > LAG:
@@ -267,14 +306,11 @@ def lag(view: HandOverView) -> float:
     return float(view.state.gripper_in_base[0, 2] - gripper_pose(ROBOT.torso_height, view.arm)[0][2])
 
 
-_STRATEGIES: dict[str, Callable[[SkillAgent], SkillAgent]] = {
-    "rl": lambda inner: inner,
-    **{each.name: each for each in (Stop, Ik, Guarded)},
-}
-STRATEGIES = tuple(_STRATEGIES)
-"""Names of all, the values of `--place`."""
+def release_strategy(name: str) -> ReleaseStrategy:
+    """Return the release strategy of a name; PerdureError when there is none."""
+    return lookup(ReleaseStrategy.kinds(), name, "release strategy")()
 
 
 def make_strategy(name: str, inner: SkillAgent) -> SkillAgent:
-    """Return the strategy of that name around an agent; `rl` is the agent itself."""
-    return lookup(_STRATEGIES, name, "release strategy")(inner)
+    """Return an agent for place that acts as another one and releases by the strategy of that name."""
+    return release_strategy(name).around(inner)

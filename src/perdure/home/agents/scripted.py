@@ -38,8 +38,10 @@ from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
 from perdure.home.sim.simulator import ACTION_SIZE, GRASP, GRASP_RADIUS, RELEASE, STOP
 from perdure.home.sim.vector_simulator import VectorSimulator
-from perdure.home.skills import Skill, SkillProgress
+from perdure.home.skills import SKILLS, Skill, SkillProgress
+from perdure.home.skills.articulated import Articulated
 from perdure.home.skills.starts import open_links
+from perdure.home.tasks.tasks import Verb
 
 STANDOFFS = (0.11, 0.08, 0.05)
 """Distances from the gripper point to the middle of the object to be grasped in [m]: within the magic grasp's reach."""
@@ -369,15 +371,8 @@ def plan_place(
     return plan_from(query, base, gripper_goals, goal, stands)
 
 
-BEST_DISTANCE = {
-    "pick": 0.72,
-    "place": 0.72,
-    "open_drawer": 0.85,
-    "close_drawer": 0.5,
-    "open_fridge": 0.95,
-    "close_fridge": 0.9,
-}
-"""Best distance from the aim for each skill, along the floor in [m]."""
+BEST_DISTANCE = 0.72
+"""Best distance from an object or goal, along the floor in [m]. From a handle it is `Articulated.scripted_distance`."""
 RESTING_ARM_HEIGHT = 0.7
 """Height in [m] below which furniture cannot touch the resting arm."""
 ARM_REACH = 0.75
@@ -400,7 +395,10 @@ def navigate(view: View) -> Motion:
     goals = np.nonzero(route.values == 0.0)[0]
     aim = np.array(skill_goal.aim)
     cost = arm_cost(view.simulator.scene.apartment, tuple(sorted(open_links(view.simulator).items())))
-    best = BEST_DISTANCE[skill_goal.toward]
+    best = BEST_DISTANCE
+    following = SKILLS[skill_goal.toward]
+    if issubclass(following, Articulated):
+        best = following.scripted_distance
     stands = list(around(route.space, goals, aim, best, MOST_STANDS, CLOSENESS * (cost - 1.0)))
     while stands:
         plan = _plan(view, skill_goal, stands)
@@ -436,9 +434,9 @@ def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | 
     aim = np.array(skill_goal.aim)
     for stand in stands:
         places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
-        if skill_goal.toward == "pick":
+        if skill_goal.toward == Verb.PICK:
             plan = plan_pick(query, view.state.object[0].copy(), skill_goal.target, stand, places)
-        elif skill_goal.toward == "place":
+        elif skill_goal.toward == Verb.PLACE:
             plan = plan_place(query, aim, stand, places)
         else:
             plan = plan_handle(query, skill_goal.link, stand, places)
@@ -449,16 +447,15 @@ def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | 
     return best
 
 
-MOTIONS: dict[str, Callable[[View], Motion]] = {
-    "pick": pick,
-    "place": place,
-    "navigate": navigate,
-    "open_drawer": lambda view: articulate(view, 0.45, 0.02),
-    "close_drawer": lambda view: articulate(view, 0.0, 0.02),
-    "open_fridge": lambda view: articulate(view, 1.8, 0.05),
-    "close_fridge": lambda view: articulate(view, 0.0, 0.05),
-}
-"""Motion by skill; the numbers are the goal position of a drawer or door and its tolerance, in [m] or [rad]."""
+MOTIONS: dict[str, Callable[[View], Motion]] = {Verb.PICK: pick, Verb.PLACE: place, Verb.NAVIGATE: navigate}
+"""Motion by skill; those that open or close a container share `articulate`."""
+
+
+def motion_of(skill: Skill, view: View) -> Motion:
+    """Return the motion of a skill in a lane."""
+    if isinstance(skill, Articulated):
+        return articulate(view, skill.scripted_goal, skill.scripted_tolerance)
+    return MOTIONS[skill.name](view)
 
 
 class Oracle(SkillAgent):
@@ -473,7 +470,7 @@ class Oracle(SkillAgent):
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
         view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
-        self._running[lane] = (view, MOTIONS[skill.name](view))
+        self._running[lane] = (view, motion_of(skill, view))
 
     def act(
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
@@ -487,6 +484,6 @@ class Oracle(SkillAgent):
             if action is not None:
                 actions[row] = action
                 actions[row, STOP] = -1.0  # it knows better than the map where to stop
-            elif skill.name == "navigate":
+            elif skill.name == Verb.NAVIGATE:
                 actions[row, STOP] = 1.0
         return actions

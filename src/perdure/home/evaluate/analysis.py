@@ -10,7 +10,7 @@ an episode that several evaluation seeds begin counts once.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,9 @@ from perdure.home.evaluate import outcomes
 from perdure.home.evaluate.files import check_distinct
 from perdure.home.evaluate.files import columns as file_columns
 from perdure.home.evaluate.log import UNTRAINED, EpisodeLog, Release, SkillRun
-from perdure.home.evaluate.outcomes import COUNTINGS, DID_NOT_LAST, FAILURE_CAUSES, OTHER, SUCCESS
-from perdure.home.sim.arrays import FloatArray
+from perdure.home.evaluate.outcomes import COUNTINGS, DID_NOT_LAST, FAILURE_CAUSES, OTHER, SUCCESS, Counting
+from perdure.home.evaluate.strategy import COLUMNS
+from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.tasks.tasks import TASKS, get_task
 from perdure.stats import Interval, estimate_interval, make_units, survival_interval
 
@@ -31,10 +32,16 @@ if TYPE_CHECKING:
 
 STAYED = "stayed"
 """Value of `cause` where a placement is goal-stabilizing."""
-GROUP = ("task", "split", "strategy")
+GROUP = ("task", "split", *COLUMNS)
+"""What was run: columns that every table begins with. Rows with the same values are counted together."""
 SAME_EPISODE = ("train_seed", "eval_seed", "index", "episode_hash")
 SAME_PLACEMENT = (*SAME_EPISODE, "target")
 AT_RELEASE = ("release_height", "release_offset", "object_speed", "base_speed", "tilt")
+
+
+def group_of(log: EpisodeLog) -> tuple[str, ...]:
+    """Return the values of `GROUP` of a log."""
+    return tuple(getattr(log, name) for name in GROUP)
 
 
 @dataclass(frozen=True)
@@ -109,7 +116,7 @@ EPISODES: Columns = {
 }
 FAILURES: Columns = {
     "counting": (str, "latched or stabilizing", lambda found: found[0]),
-    "stage": (str, "first unmet stage", lambda found: found[1].stage),
+    "stage": (str, "first unmet stage", lambda found: found[1].stage.name),
     "cause": (str, "failure cause", lambda found: found[1].cause),
     "target": (int, "number of the object", lambda found: found[1].target),
 }
@@ -147,7 +154,7 @@ PLACEMENTS: Columns = {
 
 @dataclass(frozen=True)
 class Analysis:
-    """Tables made of logs. All of them are ordered by task, split and strategy."""
+    """Tables made of logs. All of them begin with the columns `GROUP` and are ordered by them."""
 
     episodes: pl.DataFrame
     """One row per episode, see `EPISODES`."""
@@ -177,16 +184,15 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
             there with and without learned policies.
     """
     check_distinct(logs, "the logs")
-    groups = {(log.key[:3], log.train_seed == UNTRAINED) for log in logs}
-    if both := {group for group, untrained in groups if (group, not untrained) in groups}:
-        raise PerdureError(f"{' '.join(min(both))}: with and without learned policies; analyze them apart")
+    learned = {log.key[:3] for log in logs if log.train_seed != UNTRAINED}
+    for log in logs:
+        if log.train_seed == UNTRAINED and log.key[:3] in learned:
+            what = f"{log.task} {log.split} {log.strategy.name}"
+            raise PerdureError(f"{what}: with and without learned policies; analyze them apart")
     logs = sorted(logs, key=lambda log: log.key)
     episodes = _frame(EPISODES, ((log, log) for log in logs))
-    labels = ((log, (way, outcomes.label(log, way))) for way in COUNTINGS for log in logs)
-    failures = _frame(FAILURES, ((log, found) for log, found in labels if found[1] is not None))
-    targets = ((log, target) for log in logs for target in range(len(log.targets)))
-    released = ((log, target, outcomes.placement(log, target, once=True)) for log, target in targets)
-    placements = _frame(PLACEMENTS, ((log, Placed(log, k, each)) for log, k, each in released if each is not None))
+    failures = _frame(FAILURES, _failures(logs))
+    placements = _frame(PLACEMENTS, _placements(logs))
     stages = stage_table(logs, np.random.default_rng(seed))
     return Analysis(
         episodes,
@@ -201,19 +207,42 @@ def analyze(logs: Sequence[EpisodeLog], seed: int = 0) -> Analysis:
     )
 
 
+def _failures(logs: Sequence[EpisodeLog]) -> Iterator[tuple[EpisodeLog, tuple[str, outcomes.Label]]]:
+    """Yield every failed episode with its way of counting and its label."""
+    for way in COUNTINGS:
+        for log in logs:
+            found = outcomes.label(log, way)
+            if found is not None:
+                yield log, (way, found)
+
+
+def _placements(logs: Sequence[EpisodeLog]) -> Iterator[tuple[EpisodeLog, Placed]]:
+    for log in logs:
+        for target in range(len(log.targets)):
+            release = outcomes.placement(log, target, once=True)
+            if release is not None:
+                yield log, Placed(log, target, release)
+
+
 def _frame(columns: Columns, rows: Iterable[tuple[EpisodeLog, Any]]) -> pl.DataFrame:
     """Return a table with a row for each (log, what the columns are computed from)."""
     import polars as pl
 
-    dtypes = {bool: pl.Boolean, int: pl.Int64, float: pl.Float64, str: pl.String}
-    stored, computed = file_columns(), [of for _, _, of in columns.values()]
-    cells = [(*(getattr(log, name) for name in IDENTITY), *(of(each) for of in computed)) for log, each in rows]
-    schema = {name: stored[name] for name in IDENTITY} | {name: dtypes[kind] for name, (kind, *_) in columns.items()}
+    # Its identity first, in the types of the log's file.
+    stored = {**file_columns(), "label": pl.String()}
+    schema = {name: stored[name] for name in IDENTITY}
+    dtypes: dict[type, pl.DataType] = {bool: pl.Boolean(), int: pl.Int64(), float: pl.Float64(), str: pl.String()}
+    for name, (kind, _, _) in columns.items():
+        schema[name] = dtypes[kind]
+    cells = []
+    for log, each in rows:
+        identity = [getattr(log, name) for name in IDENTITY]
+        cells.append((*identity, *(compute(each) for _, _, compute in columns.values())))
     return pl.DataFrame(cells, schema=schema, orient="row")
 
 
 def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.DataFrame:
-    """Return one row per task, split, strategy, way of counting and stage; the last stage is the task's success.
+    """Return one row per group, way of counting and stage; the last stage is the task's success.
 
     Columns: `episodes` and `runs` that were counted, `standard_error` over the runs (nan for one run), `mean`, `lower`
     and `upper` of the 95 % interval, its `units` (training seeds, or evaluation seeds only) and `method`.
@@ -224,32 +253,56 @@ def stage_table(logs: Sequence[EpisodeLog], rng: np.random.Generator) -> pl.Data
     """
     import polars as pl
 
-    groups: dict[tuple[str, str, str], list[EpisodeLog]] = {}
+    groups: dict[tuple[str, ...], list[EpisodeLog]] = {}
     for log in logs:
-        groups.setdefault((log.task, log.split, log.strategy), []).append(log)
+        groups.setdefault(group_of(log), []).append(log)
     parts = []
     for group, part in groups.items():
-        seeds = np.array([log.train_seed for log in part])
-        runs = np.array([f"{log.train_seed} {log.eval_seed}" for log in part])
         for counting in COUNTINGS:
-            count = outcomes.latched if counting == "latched" else outcomes.stages_stabilizing
-            reached = np.array([count(log) for log in part], dtype=np.float64)
-            means = np.stack([reached[runs == run].mean(axis=0) for run in np.unique(runs)])
-            error = means.std(axis=0, ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
-            episodes, index = np.unique([seeds, [log.index for log in part]], axis=1, return_inverse=True)
-            by_episode = [reached[index.ravel() == k].mean(axis=0) for k in range(episodes.shape[1])]
-            found = survival_interval(by_episode, episodes[0], rng)
-            stages = [stage.name for stage in part[0].home_task.stages]
-            counts = {"episodes": len(part), "runs": len(set(runs))}
-            shares = {"mean": found.estimate, "standard_error": error, "lower": found.lower, "upper": found.upper}
-            how = {"units": found.label, "method": found.method}
             first = {**dict(zip(GROUP, group, strict=True)), "counting": counting}
-            parts.append(pl.DataFrame({**first, "stage": stages, **counts, **shares, **how}))
+            parts.append(pl.DataFrame({**first, **_stage_columns(part, counting, rng)}))
     return pl.concat(parts).with_columns(pl.col("episodes", "runs").cast(pl.Int64))
 
 
+def _stage_columns(logs: Sequence[EpisodeLog], counting: Counting, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the columns of `stage_table` of the logs of one group, counted in one way."""
+    count = outcomes.latched if counting == "latched" else outcomes.stages_stabilizing
+    reached = np.array([count(log) for log in logs], dtype=np.float64)
+    # The standard error is that of the mean over runs.
+    runs = np.array([f"{log.train_seed} {log.eval_seed}" for log in logs])
+    means = np.stack([reached[runs == run].mean(axis=0) for run in np.unique(runs)])
+    error: FloatArray | float = math.nan
+    if len(means) > 1:
+        error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
+    # An episode that several evaluation seeds begin counts once, as its mean.
+    by_episode, seeds = episode_means(reached, logs)
+    found = survival_interval(by_episode, seeds, rng)
+    return {
+        "stage": [stage.name for stage in logs[0].home_task.stages],
+        "episodes": len(logs),
+        "runs": len(means),
+        "mean": found.estimate,
+        "standard_error": error,
+        "lower": found.lower,
+        "upper": found.upper,
+        "units": found.label,
+        "method": found.method,
+    }
+
+
+def episode_means(values: FloatArray, logs: Sequence[EpisodeLog]) -> tuple[FloatArray, IntArray]:
+    """Return the mean of the values of each training seed and episode, over its evaluation seeds, and the seeds.
+
+    `values` has the shape (logs, ...), the means (episodes, ...), the training seeds (episodes,).
+    """
+    keys = np.array([(log.train_seed, log.index) for log in logs])
+    episodes, number = np.unique(keys, axis=0, return_inverse=True)
+    means = [values[number.ravel() == k].mean(axis=0) for k in range(len(episodes))]
+    return np.array(means), episodes[:, 0]
+
+
 def success_table(episodes: pl.DataFrame, stages: pl.DataFrame) -> pl.DataFrame:
-    """Return one row per task, split and strategy: how much was run, and the success of the whole task.
+    """Return one row per group: how much was run, and the success of the whole task.
 
     `train_seeds`, `eval_seeds`, `episodes`; mean, standard error and bounds of the 95 % interval by both ways of
     counting (`latched mean`), `method` of the interval; `did_not_last`: latched successes that did not last;
@@ -269,7 +322,7 @@ def success_table(episodes: pl.DataFrame, stages: pl.DataFrame) -> pl.DataFrame:
     for counting in COUNTINGS:
         final = stages.filter(counting=counting).group_by(GROUP).last()
         named = {f"{counting} {name}": pl.col(name) for name in ("mean", "standard_error", "lower", "upper")}
-        how = ("method",) if counting == COUNTINGS[0] else ()
+        how = ["method"] if counting == COUNTINGS[0] else []
         counted = counted.join(final.select(*GROUP, *how, **named), on=GROUP, how="left", maintain_order="left")
     return counted
 

@@ -6,14 +6,14 @@ Everything here is a function of frames, whether logs were analyzed just now or 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from perdure.home.evaluate.analysis import SAME_EPISODE, paired_difference
+from perdure.errors import PerdureError
+from perdure.home.evaluate.analysis import GROUP, SAME_EPISODE, paired_difference
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.outcomes import (
     COUNTINGS,
@@ -25,9 +25,11 @@ from perdure.home.evaluate.outcomes import (
     THROWN_SPEED,
     Counting,
 )
+from perdure.home.evaluate.policies import ReleaseChoice, read_release
+from perdure.home.evaluate.strategy import COLUMNS, Strategy
 from perdure.home.sim.objects import short_name
-from perdure.home.tasks.tasks import Stage, get_task
-from perdure.report import charts, wording
+from perdure.home.tasks.tasks import PAST, STAGES, Stage, get_task
+from perdure.report import charts
 from perdure.report.charts import Marker, slug
 from perdure.stats import FEWEST_FOR_INTERVAL
 
@@ -36,19 +38,6 @@ if TYPE_CHECKING:
 
 WORDS: dict[Counting, str] = {"latched": "latched (benchmark)", "stabilizing": "goal-stabilizing (thesis)"}
 LAST = ("counted, did not last", "final state", "of these policies alone", "diverged")
-RELEASES = {
-    "rl": "open at once",
-    "delta": "trained to stay {} steps",
-    "gentle": "trained to release at rest",
-    "hand": "trained with actions of the hand",
-    "linear": "trained with a linear time-to-go",
-    "geometric": "trained with a geometric time-to-go",
-    "stop": "stop first",
-    "ik": "stop, lower 5 cm",
-    "guarded": "stop, lower to contact",
-}
-WORLDS = {"drag": "drag only", "hull-apple": "apple a convex hull", "closed": "planned again after each skill"}
-"""Word in the name of a strategy to what a reader sees."""
 OUTCOMES = {
     SUCCESS: "every object stayed",
     DID_NOT_LAST: "counted as success, but an object left later",
@@ -56,41 +45,48 @@ OUTCOMES = {
 }
 
 
-def describe(strategy: str, with_world: bool = True) -> str:
-    """Return what a release strategy does: "ik" -> "stop, lower 5 cm"; the name itself where it is not ours.
+def describe(strategy: Strategy, with_setting: bool = True) -> str:
+    """Return what is run in words: "stop, lower 5 cm, drag only"; `place` itself where it is not ours.
 
-    `with_world` adds what differs from the usual world.
+    `with_setting` adds world, planner and fallback where they are not the usual ones.
     """
-    if (read := _read(strategy)) is None:
-        return strategy
-    words = RELEASES[read[0]].format(read[1])
-    clock = wording.clock("constant", read[1]) if read[1] and "{}" not in RELEASES[read[0]] else ""
-    return ", ".join(filter(None, (words, clock, describe_world(strategy) if with_world else "")))
+    choice = known_release(strategy.place)
+    words = strategy.place if choice is None else choice.words
+    setting = strategy.setting if with_setting else ""
+    return ", ".join(filter(None, (words, setting, strategy.label)))
 
 
-def describe_world(strategy: str) -> str:
-    """Return options that differ from the usual world: "ik drag" -> "drag only"; "" where unknown."""
-    words = strategy.split()[1:] if _read(strategy) else []
-    return ", ".join(WORLDS.get(word, word.replace("-", " ")) for word in words)
+def known_release(place: str) -> ReleaseChoice | None:
+    """Return the release choice of a name in logs; None where another simulator gave it."""
+    try:
+        return read_release(place)
+    except PerdureError:
+        return None
 
 
-def _read(strategy: str) -> tuple[str, str] | None:
-    """Return a key of `RELEASES` and the number behind it: "delta-50 drag" -> ("delta", "50"); None where unknown."""
-    found = re.fullmatch(r"(\w+)(?:-(\d+))?", strategy.partition(" ")[0], re.ASCII)
-    return (found[1], found[2] or "") if found and found[1] in RELEASES else None
+def ordered(strategies: Iterable[Strategy]) -> list[Strategy]:
+    """Return strategies by world, planner and fallback, the usual ones first; then by release strategy and label."""
+
+    def rank(strategy: Strategy) -> tuple[Any, ...]:
+        choice = known_release(strategy.place)
+        release = (math.inf, 0) if choice is None else choice.rank
+        setting = (strategy.world, strategy.planner != "open", strategy.fallback == "none")
+        return *setting, *release, strategy.place, strategy.label
+
+    return sorted(set(strategies), key=rank)
 
 
 def describe_stage(each: Stage, unmet: bool = False) -> str:
     """Return the state in which a stage is reached, "pick_0" -> "object 1 picked"; unmet: "object 1 not picked"."""
-    verb, _, number = each.name.partition("_")
-    past = {"pick": "picked", "place": "placed", "open": "opened", "close": "closed"}[verb]
-    doors = [found.name.removeprefix(f"{past}_") for found in each.conditions if found.name.startswith(f"{past}_")]
-    return f"{doors[-1] if doors else f'object {int(number) + 1}'} {'not ' if unmet else ''}{past}"
+    past = PAST[each.verb]
+    containers = [found.container for found in each.conditions if found.name == past]
+    thing = containers[-1] if containers else f"object {each.target + 1}"
+    return f"{thing} {'not ' if unmet else ''}{past}"
 
 
 def describe_outcome(name: str) -> str:
     """Return what became of an episode, see `outcomes.outcome`: "place_1" -> "object 2 did not stay"."""
-    return OUTCOMES.get(name) or f"object {int(name.partition('_')[2]) + 1} did not stay"
+    return OUTCOMES.get(name) or f"object {STAGES[name].target + 1} did not stay"
 
 
 def describe_kind(name: str, cylinder: bool) -> str:
@@ -137,8 +133,8 @@ class View:
 
     task: str
     split: str
-    strategies: tuple[str, ...]
-    """Names in logs, in the order in which they are shown."""
+    strategies: tuple[Strategy, ...]
+    """In the order in which they are shown."""
     styles: tuple[charts.Style, ...]
     tables: Mapping[str, pl.DataFrame]
     """Tables of `Analysis` and others by name, with the rows of this task and split."""
@@ -151,35 +147,40 @@ class View:
     @property
     def title(self) -> str:
         """Such as "SetTable, val, drag only"."""
-        return ", ".join(filter(None, (describe_task(self.task), self.split, self.world)))
+        return ", ".join(filter(None, (describe_task(self.task), self.split, self.setting)))
 
     @property
-    def world(self) -> str:
-        """Options that differ from the default for all strategies alike, in words; "" for none."""
-        worlds = {describe_world(strategy) for strategy in self.strategies}
-        return worlds.pop() if len(worlds) == 1 else ""
+    def setting(self) -> str:
+        """World, planner and fallback that all strategies share, in words; "" for the usual ones."""
+        settings = {strategy.setting for strategy in self.strategies}
+        return settings.pop() if len(settings) == 1 else ""
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """Their words in figures; options that all share are in `world`."""
-        return tuple(describe(strategy, with_world=not self.world) for strategy in self.strategies)
+        """Their words in figures; what all share is in `setting`."""
+        return tuple(describe(strategy, with_setting=not self.setting) for strategy in self.strategies)
 
     @property
-    def shown(self) -> Iterator[tuple[str, str, charts.Style]]:
-        """Name, label and style of every strategy."""
+    def names(self) -> tuple[str, ...]:
+        """Their short names in tables."""
+        return tuple(strategy.name for strategy in self.strategies)
+
+    @property
+    def shown(self) -> Iterator[tuple[Strategy, str, charts.Style]]:
+        """Every strategy, its label and style."""
         return zip(self.strategies, self.labels, self.styles, strict=True)
 
-    def rows(self, table: str, strategy: str, **equal: Any) -> pl.DataFrame:
+    def rows(self, table: str, strategy: Strategy, **equal: Any) -> pl.DataFrame:
         """Return the rows of a strategy in a table; none where there is no such table."""
         if table not in self.tables:
             return next(iter(self.tables.values())).clear()
-        return self.tables[table].filter(strategy=strategy, **equal)
+        return self.tables[table].filter(**asdict(strategy), **equal)
 
-    def success(self, strategy: str) -> dict[str, Any]:
+    def success(self, strategy: Strategy) -> dict[str, Any]:
         """Return the row of a strategy in `Analysis.success`."""
         return self.rows("success", strategy).row(0, named=True)
 
-    def units(self, strategy: str) -> tuple[bool, int]:
+    def units(self, strategy: Strategy) -> tuple[bool, int]:
         """Return whether training seeds (else episodes) are the units of the intervals, and their number."""
         row = self.success(strategy)
         if (seeds := row["train_seeds"]) > 1:
@@ -188,32 +189,25 @@ class View:
             return False, row["episodes"] // row["eval_seeds"]
         return False, self.rows("episodes", strategy)["index"].n_unique()
 
-    def has_interval(self, strategy: str) -> bool:
+    def has_interval(self, strategy: Strategy) -> bool:
         """Return whether a strategy has enough units to draw intervals."""
         return self.units(strategy)[1] >= FEWEST_FOR_INTERVAL
 
 
 def make_views(tables: Mapping[str, pl.DataFrame]) -> tuple[View, ...]:
     """Return a view of each task and split in the table `success`. A strategy has the same style in all of them."""
-    rows = tables["success"].select("task", "split", "strategy").unique(maintain_order=True).rows()
-    order = ordered({strategy for _, _, strategy in rows})
+    found: dict[tuple[str, str], list[Strategy]] = {}
+    for row in tables["success"].select(GROUP).to_dicts():
+        strategy = Strategy(**{name: row[name] for name in COLUMNS})
+        found.setdefault((row["task"], row["split"]), []).append(strategy)
+    order = ordered(strategy for strategies in found.values() for strategy in strategies)
     views = []
-    for task, split in dict.fromkeys((task, split) for task, split, _ in rows):
-        strategies = tuple(strategy for strategy in order if (task, split, strategy) in rows)
-        styles = tuple(charts.style(order.index(strategy)) for strategy in strategies)
+    for (task, split), strategies in found.items():
+        shown = tuple(strategy for strategy in order if strategy in strategies)
+        styles = tuple(charts.style(order.index(strategy)) for strategy in shown)
         here = {name: table.filter(task=task, split=split) for name, table in tables.items()}
-        views.append(View(task, split, strategies, styles, here))
+        views.append(View(task, split, shown, styles, here))
     return tuple(views)
-
-
-def ordered(strategies: set[str]) -> list[str]:
-    """Return strategies in the order of `RELEASES`; those in other worlds, such as `ik drag`, come after all others."""
-
-    def place(strategy: str) -> tuple[str, int, int, str]:
-        name, number = _read(strategy) or ("", "")
-        return strategy.partition(" ")[2], [*RELEASES, name].index(name), int(number or 0), strategy
-
-    return sorted(strategies, key=place)
 
 
 def make_tables(view: View) -> list[Table]:
@@ -235,7 +229,7 @@ def mode_labels(view: View, counting: Counting) -> list[tuple[str, str]]:
     """Return every (stage, cause) that any strategy has, in the task's order."""
     import polars as pl
 
-    table = view.tables["modes"].filter(pl.col("strategy").is_in(view.strategies), counting=counting)
+    table = pl.concat([view.rows("modes", strategy, counting=counting) for strategy in view.strategies])
     stages = [stage.name for stage in get_task(view.task).stages]
     found = set(table.select("stage", "cause").rows())
     return sorted(found, key=lambda each: (stages.index(each[0]), FAILURE_CAUSES.index(each[1])))
@@ -281,20 +275,20 @@ MEASURES = {
 
 def success_table(view: View) -> Table:
     """Return the success of every strategy, and its successes that did not last."""
-    rows, units = [], set()
+    rows = []
+    units = set()
     for strategy, label, _ in view.shown:
         row = view.success(strategy)
         outcomes = dict(view.rows("outcomes", strategy).select("outcome", "count").iter_rows())
         latched = outcomes[SUCCESS] + outcomes[DID_NOT_LAST]
-        trained = "untrained" if set(view.rows("seeds", strategy)["train_seed"]) == {UNTRAINED} else row["train_seeds"]
-        rows.append(
-            (
-                *(strategy, label, f"{row['episodes']:,}", f"{trained} x {row['eval_seeds']}"),
-                *(interval_text(row, counting) for counting in COUNTINGS),
-                f"{row['did_not_last']} of {latched}",
-                *(str(row[name]) for name in ("final", "unaided", "diverged")),
-            )
-        )
+        trained = str(row["train_seeds"])
+        if set(view.rows("seeds", strategy)["train_seed"]) == {UNTRAINED}:
+            trained = "untrained"
+        cells = [strategy.name, label, f"{row['episodes']:,}", f"{trained} x {row['eval_seeds']}"]
+        cells += [interval_text(row, counting) for counting in COUNTINGS]
+        cells += [f"{row['did_not_last']} of {latched}"]
+        cells += [str(row[name]) for name in ("final", "unaided", "diverged")]
+        rows.append(cells)
         units.add((view.units(strategy)[0], row["method"]))
     words = (
         "over episodes where there is one training seed: it says nothing about training again",
@@ -312,7 +306,7 @@ def success_table(view: View) -> Table:
     return Table("Success", headings, rows, note)
 
 
-def interval_text(row: Mapping[str, Any], counting: Counting, digits: int = 1) -> str:
+def interval_text(row: Mapping[str, Any], counting: str, digits: int = 1) -> str:
     """Return a success with standard error and 95 % interval: "50.0 +- 14.4 % [12.3, 87.7]"."""
     found = (row[f"{counting} {name}"] for name in ("mean", "standard_error", "lower", "upper"))
     mean, error, low, high = (math.nan if value is None else 100 * value for value in found)
@@ -324,16 +318,18 @@ def paired_table(view: View) -> Table | None:
     """Return pairwise comparisons on the episodes that both strategies ran; nothing for a single strategy."""
     rows = []
     for first, second in combinations(view.strategies, 2):
-        left, right = (view.rows("episodes", strategy) for strategy in (first, second))
+        left = view.rows("episodes", first)
+        right = view.rows("episodes", second)
         both = left.join(right, on=SAME_EPISODE)
         if both.is_empty():
             continue
-        before, after = both["stabilizing"], both["stabilizing_right"]
+        before = both["stabilizing"]
+        after = both["stabilizing_right"]
         found = paired_difference(left, right)
         change, low, high = (100 * float(each) for each in (found.estimate, found.lower, found.upper))
         points = f"{change:+.1f} points" + ("" if math.isnan(low) else f" [{low:+.1f}, {high:+.1f}]")
         counts = (len(both), (after & ~before).sum(), (before & ~after).sum())
-        rows.append((f"{second} against {first}", *(f"{count:,}" for count in counts), points))
+        rows.append((f"{second.name} against {first.name}", *(f"{count:,}" for count in counts), points))
     if not rows:
         return None
     note = (
@@ -355,7 +351,7 @@ def mode_table(view: View) -> Table | None:
                 found = view.rows("modes", strategy, counting=counting, stage=stage, cause=cause)
                 cells += ["0"] if found.is_empty() else [_shares(*found.select("count", "of_all", "of_failed").row(0))]
             rows.append((WORDS[counting], stage, cause, *cells))
-    headings = ("counting", "first unmet stage", "failure cause", *view.strategies)
+    headings = ("counting", "first unmet stage", "failure cause", *view.names)
     note = "Count (share of all episodes, share of the failed ones)."
     return Table("Failure modes", headings, rows, note) if rows else None
 
@@ -364,7 +360,7 @@ def _shares(count: int, *shares: float | None) -> str:
     return f"{count} ({', '.join(percent(share) for share in shares if share is not None)})"
 
 
-def by_shape(view: View, strategy: str) -> tuple[tuple[int, int], tuple[int, int]]:
+def by_shape(view: View, strategy: Strategy) -> tuple[tuple[int, int], tuple[int, int]]:
     """Return (placements, those that did not stay) of cylinders, and of other objects (thesis, figure 2-5).
 
     A share of failures alone would not say whether cylinders fail more often or are only placed more often.
@@ -382,7 +378,7 @@ def placement_table(view: View) -> Table:
         totals = tuple(map(sum, zip(*shapes, strict=True)))
         cells = [_failed(*shape) if shape[0] else "none" for shape in shapes]
         shares = [part / total if total else None for part, total in zip(shapes[0], totals, strict=True)]
-        rows.append((strategy, _failed(*totals), *cells, *map(percent, shares)))
+        rows.append((strategy.name, _failed(*totals), *cells, *map(percent, shares)))
     shown = ("did not stay", "cylinders", "other objects", "cylinders of all placed", "of those that left")
     note = "Did not stay: not goal-stabilizing, of so many placements."
     return Table("Placements", ("strategy", *shown), rows, note)
@@ -396,12 +392,13 @@ def release_table(view: View) -> Table:
     """Return median and 10 to 90 % range of height, speeds and tilt at the release."""
     rows = []
     for strategy in view.strategies:
-        placements, cells = view.rows("placements", strategy), []
+        placements = view.rows("placements", strategy)
+        cells = []
         for column, each in MEASURES.items():
             found = [placements[column].quantile(level, "linear") for level in (0.5, 0.1, 0.9)]
             known = [f"{each.scale * value:.{each.digits}f}" for value in found if value is not None]
             cells.append("{} ({} to {})".format(*known) if known else "")
-        rows.append((strategy, str(len(placements)), *cells))
+        rows.append((strategy.name, str(len(placements)), *cells))
     headings = ("release strategy", "placements", *(each.heading for each in MEASURES.values()))
     return Table("At the release", headings, rows, "Median (10 % to 90 %).")
 
@@ -409,10 +406,12 @@ def release_table(view: View) -> Table:
 def hand_over_table(view: View) -> Table | None:
     """Return the counts of hand-over outcomes; nothing where no logs record them."""
     table = view.tables["hand_overs"]
-    outcomes, rows = sorted(set(table["outcome"])), []
+    outcomes = sorted(set(table["outcome"]))
+    rows = []
     for strategy in view.strategies:
         counts = dict(view.rows("hand_overs", strategy).select("outcome", "count").iter_rows())
-        rows += [(strategy, *(str(counts.get(each, 0)) for each in outcomes))] if counts else []
+        if counts:
+            rows.append((strategy.name, *(str(counts.get(each, 0)) for each in outcomes)))
     note = "Done: the whole motion ran. Anything else is a fall-back: the object was let go at rest, where it was."
     title = "Release strategies: how the motion went"
     return Table(title, ("release strategy", *outcomes), rows, note) if outcomes else None
@@ -426,18 +425,18 @@ def policy_table(view: View) -> Table:
         words = [["scripted oracle" if name == "oracle" else name for name in each] for each in names]
         rows.append((skill, *(", ".join(each) or "not recorded" for each in words)))
     note = "The scripted oracle knows the whole world; a learned policy sees what the skill's table says."
-    return Table("Policies", ("skill", *view.strategies), rows, note)
+    return Table("Policies", ("skill", *view.names), rows, note)
 
 
 def summary(view: View) -> str:
     """Return the main tables as text for a terminal."""
-    stages, parts = [], [f"{view.title}\n{verdict(view)}"]
+    stages = []
     for stage in get_task(view.task).stages:
         cells = [view.rows("stages", strategy, stage=stage.name)["mean"] for strategy in view.strategies]
         stages.append((stage.name, *(", ".join(map(percent, each)) for each in cells)))
-    tables = [Table(f"Success per stage ({', '.join(COUNTINGS)})", ("stage", *view.strategies), stages)]
+    tables = [Table(f"Success per stage ({', '.join(COUNTINGS)})", ("stage", *view.names), stages)]
     success = success_table(view)
     sides = list(zip(success.headings[1:], *(row[1:] for row in success.rows), strict=True))
-    tables.append(replace(success, headings=("", *view.strategies), rows=sides))
+    tables.append(replace(success, headings=("", *view.names), rows=sides))
     tables += [*filter(None, [mode_table(view)]), placement_table(view)]
-    return "\n\n".join([*parts, *(table.text for table in tables)])
+    return "\n\n".join([f"{view.title}\n{verdict(view)}", *(table.text for table in tables)])

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, get_args
 
 import numpy as np
 
@@ -19,9 +19,10 @@ from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import SkillAgent
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
+from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS, LINK_CONTAINERS
 from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
 from perdure.home.sim.simulator import ACTION_SIZE, Simulator
@@ -29,7 +30,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
-from perdure.home.tasks.planners import PLANNERS, Planner, PlannerName, needed_skills
+from perdure.home.tasks.planners import PLANNERS, FallbackName, Planner, PlannerName, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
 OVERTIME = 150
@@ -51,16 +52,27 @@ class ExecutorOptions:
     """Control steps of the settling time, 1 or more."""
     planner: PlannerName = "open"
     """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
+    fallback: FallbackName = "oracle"
+    """Of the closed loop: "oracle" takes over a skill that failed often; "none": its target is given up at last."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown planner, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
+        """Refuse unknown names, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
         lookup(PLANNERS, self.planner, "planner")
+        lookup(dict.fromkeys(get_args(FallbackName)), self.fallback, "fallback")
+        if self.fallback != "oracle" and self.planner == "open":
+            raise PerdureError(
+                f"fallback {self.fallback} needs planner closed: with planner open the oracle never takes over"
+            )
         least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
             if value is not None and value < low:
                 raise PerdureError(f"{name} must be {low} or more, not {value}")
         if self.scene.targets is not None:
             raise PerdureError(f"targets must be None where plans are executed, not {self.scene.targets}")
+
+    def strategy(self, place: str) -> Strategy:
+        """Return what is run with these options and a release strategy."""
+        return strategy_of(place, self.scene, self.planner, self.fallback)
 
 
 @dataclass
@@ -81,11 +93,13 @@ class Recorder:
         Args:
             steps: Control steps until the plan or the task's limit ended; the rows after them are the settling time.
             final_objects: All objects after the last step; none if the world diverged, which reset them.
-            run: `strategy`, `train_seed` and `eval_seed` of the log.
+            run: Columns of `Strategy`, `train_seed` and `eval_seed` of the log.
         """
         # A diverged world is reset to its start: the last row no longer belongs to this episode.
         length = max(1, len(self.rows) - 1) if self.diverged else len(self.rows)
-        steps, episode, history = min(steps, length), self.episode, self._history(length)
+        steps = min(steps, length)
+        episode = self.episode
+        history = self._history(length)
         return EpisodeLog(
             task=episode.task,
             split=episode.split,
@@ -109,8 +123,9 @@ class Recorder:
 
     def _history(self, length: int) -> History:
         rows = zip(*self.rows[:length], strict=True)
-        objects, held, doors, up, speed, gripper, base, force = map(np.array, rows)
-        facts = WorldFacts(objects, self.episode.goal_positions, held, *doors.T)
+        objects, held, positions, up, speed, gripper, base, force = map(np.array, rows)
+        containers = dict(zip(CONTAINERS, positions.T, strict=True))
+        facts = WorldFacts(objects, self.episode.goal_positions, held, containers)
         return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
 
 
@@ -131,16 +146,16 @@ def held_target(lane: Simulator, targets: int) -> int:
     return NOTHING if lane.held < 0 and lane.held_link < 0 else SOMETHING_ELSE
 
 
-def door_links(episode: Episode, scene: Scene) -> tuple[int, int]:
-    """Return the numbers of the task's drawer (-1 for none) and of the fridge's upper door in `Scene.links`."""
-    containers = [episode.container(target) for target in range(len(episode.goals))]
-    drawer = next((scene.links.index(each) for each in containers if each not in (None, FRIDGE_DOOR)), -1)
-    return drawer, scene.links.index(FRIDGE_DOOR)
+def container_numbers(episode: Episode, scene: Scene) -> tuple[int, ...]:
+    """Return for each of `CONTAINERS` the number of its link in `Scene.links`, -1 where the episode has none."""
+    links = episode.container_links().values()
+    return tuple(-1 if link is None else scene.links.index(link) for link in links)
 
 
 def _target(episode: Episode, number: int) -> Target:
-    goal, link = episode.goals[number], episode.container(number)
-    container = "" if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
+    goal = episode.goals[number]
+    link = episode.container(number)
+    container = "" if link is None else LINK_CONTAINERS[link].name
     return Target(goal.kind, KINDS[goal.kind].cylinder, container, goal.position)
 
 
@@ -151,8 +166,8 @@ class Running:
     episode: Episode
     planner: Planner
     recorder: Recorder
-    doors: tuple[int, int]
-    """Numbers of the task's drawer (-1 for none) and of the fridge's upper door among the scene's links."""
+    containers: tuple[int, ...]
+    """See `container_numbers`."""
     current: SkillStep | None = None
     """The running skill, None in the settling time."""
     step: int = 0
@@ -163,16 +178,18 @@ class Running:
     stood: defaultdict[tuple[str, int], list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     """Where the attempts of each skill and target began, and where they or a navigation failed, x and y in [m]."""
 
-    def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, float]]:
-        """Return middles of the targets (targets, 3), what the hand holds, how far drawer and fridge are open."""
-        (drawer, fridge), links, targets = self.doors, lane.links.tolist(), len(self.episode.goals)
-        doors = links[drawer] if drawer >= 0 else 0.0, links[fridge]
-        return lane.middles[:targets], held_target(lane, targets), doors
+    def read(self, lane: Simulator) -> tuple[FloatArray, int, tuple[float, ...]]:
+        """Return middles of the targets (targets, 3), what the hand holds, how far each of `CONTAINERS` is open."""
+        links = lane.links.tolist()
+        targets = len(self.episode.goals)
+        positions = tuple(links[number] if number >= 0 else 0.0 for number in self.containers)
+        return lane.middles[:targets], held_target(lane, targets), positions
 
     def facts(self, world: VectorSimulator, lane: int) -> WorldFacts:
         """Return the facts of now."""
-        objects, held, doors = self.read(world.simulator(lane))
-        return WorldFacts(objects, self.episode.goal_positions, np.array(held), *map(np.array, doors))
+        objects, held, positions = self.read(world.simulator(lane))
+        containers = {name: np.array(position) for name, position in zip(CONTAINERS, positions, strict=True)}
+        return WorldFacts(objects, self.episode.goal_positions, np.array(held), containers)
 
 
 StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
@@ -191,7 +208,7 @@ class Executor:
         agents: Mapping[str, SkillAgent],
         options: ExecutorOptions | None = None,
         *,
-        strategy: str = "unnamed",
+        place: str = "unnamed",
         train_seed: int = UNTRAINED,
     ) -> None:
         """Check that every skill has an agent.
@@ -200,7 +217,7 @@ class Executor:
             skills: The skill for each name in the plan.
             agents: The agent of each of them.
             options: Settings.
-            strategy: Name of the release strategy, written into the logs.
+            place: Release strategy, or any name, written into the logs beside what the options say of the run.
             train_seed: Training seed of the policies, written into the logs.
 
         Raises:
@@ -209,7 +226,7 @@ class Executor:
         self._skills = dict(skills)
         self._options = options or ExecutorOptions()
         self._named: dict[str, str | int] = {
-            "strategy": strategy,
+            **asdict(self._options.strategy(place)),
             "train_seed": train_seed,
             "eval_seed": self._options.eval_seed,
         }
@@ -255,18 +272,23 @@ class Executor:
         """Return whether an episode is over; after the settling time a skill that the planner then names begins."""
         if each.recorder.diverged or each.settling < self._options.settle_steps:
             return each.recorder.diverged
-        in_time = each.step + each.settling < each.episode.home_task.max_steps
-        if (again := each.planner.next(each.facts(world, lane)) if in_time else None) is None:
+        steps = each.step + each.settling
+        if steps >= each.episode.home_task.max_steps:
             return True
-        each.current, each.step, each.settling = again, each.step + each.settling, 0
+        again = each.planner.next(each.facts(world, lane))
+        if again is None:
+            return True
+        each.current = again
+        each.step = steps
+        each.settling = 0
         self._begin_skills(world, [lane], {lane: each})
         return False
 
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        planner = PLANNERS[self._options.planner](episode)
-        each = Running(episode, planner, Recorder(episode), door_links(episode, scene))
+        planner = PLANNERS[self._options.planner](episode, self._options.fallback)
+        each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene))
         each.current = planner.next(each.facts(world, lane))
         return each
 
@@ -299,27 +321,38 @@ class Executor:
         return goal
 
     def _step(self, world: VectorSimulator, running: Mapping[int, Running]) -> None:
-        actions = np.zeros((world.num_lanes, ACTION_SIZE))
-        speed, arm_step = np.ones(world.num_lanes), np.zeros(world.num_lanes)
         groups = self._groups(sorted(running), running)
         # Lanes at the same skill lie side by side, so that a group's part of a record is a view.
         settling = [lane for lane, each in sorted(running.items()) if each.current is None]
         lanes = np.concatenate([*groups.values(), np.array(settling, dtype=np.int64)])
         ends = dict(zip(groups, np.cumsum([len(group) for group in groups.values()]).tolist(), strict=True))
         rows = {name: slice(ends[name] - len(group), ends[name]) for name, group in groups.items()}
-        scan_reach, neighbors = np.zeros(len(lanes)), np.zeros(len(lanes), dtype=bool)
+
+        # Sense what the agents need: only some want the scan and the target's neighbors.
+        scan_reach = np.zeros(len(lanes))
+        neighbors = np.zeros(len(lanes), dtype=bool)
         for name in groups:
             if self._agents[name].needs_scan:
                 skill = self._skills[name[0]]
-                scan_reach[rows[name]], neighbors[rows[name]] = skill.scan_reach, skill.needs_neighbors
+                scan_reach[rows[name]] = skill.scan_reach
+                neighbors[rows[name]] = skill.needs_neighbors
         known = world.sense(lanes, scan_reach, neighbors)
+
+        # Act. A lane in its settling time stands still.
+        actions = np.zeros((world.num_lanes, ACTION_SIZE))
+        speed = np.ones(world.num_lanes)
+        arm_step = np.zeros(world.num_lanes)
         for name, group in groups.items():
-            skill, agent, state = self._skills[name[0]], self._agents[name], known[rows[name]]
+            skill = self._skills[name[0]]
+            state = known[rows[name]]
             assert self._progress is not None
-            acted = agent.act(world, group, skill, state, self._progress[group])
+            acted = self._agents[name].act(world, group, skill, state, self._progress[group])
             actions[group] = skill.mask(acted, state)
-            speed[group], arm_step[group] = skill.base_speed, skill.arm_step
+            speed[group] = skill.base_speed
+            arm_step[group] = skill.arm_step
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
+
+        # Record the step, and go on to the next skills.
         after = world.sense(lanes)
         self._record(world, lanes, running, after)
         for name, group in groups.items():
@@ -334,6 +367,20 @@ class Executor:
                 groups.setdefault((step.skill, step.scripted), []).append(lane)
         return {name: np.array(group) for name, group in groups.items()}
 
+    def _ending(
+        self, name: tuple[str, bool], lane: int, stopped: bool, elapsed: int, holds: bool, at_limit: bool
+    ) -> Ending | None:
+        """Return why a skill ends now, None while it goes on; an agent that holds the target may ask for more time."""
+        limit = self._skills[name[0]].limit
+        out_of_time = elapsed >= limit
+        if out_of_time and holds and elapsed < limit + OVERTIME:
+            out_of_time = not self._agents[name].overtime(lane)
+        if stopped:
+            return "stopped"
+        if out_of_time:
+            return "timed out"
+        return "task limit" if at_limit else None
+
     def _end_skills(
         self,
         world: VectorSimulator,
@@ -347,32 +394,37 @@ class Executor:
         assert self._progress is not None
         progress = skill.advance(self._progress[group], state)
         self._progress = self._progress.put(group, progress)
-        stop, success = skill.stop(state, progress), skill.success(state, progress)
+        stop = skill.stop(state, progress)
+        success = skill.success(state, progress)
         going_on = []
-        for row, (lane, stopped, elapsed) in enumerate(
-            zip(group.tolist(), stop.tolist(), progress.elapsed.tolist(), strict=True)
-        ):
+        for row, lane in enumerate(group.tolist()):
             each = running[lane]
-            out_of_time = elapsed >= skill.limit
-            if out_of_time and state.holds_target[row] and elapsed < skill.limit + OVERTIME:
-                out_of_time = not self._agents[name].overtime(lane)
+            step = each.current
+            assert step is not None
             at_limit = each.step >= each.episode.home_task.max_steps
-            if stopped or out_of_time or at_limit:
-                ending: Ending = "stopped" if stopped else "timed out" if out_of_time else "task limit"
-                forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
-                if forced:
-                    world.simulator(lane).release()
-                step, succeeded = each.current, bool(success[row] and not state.diverged[row])
-                assert step is not None
-                if not succeeded:
-                    each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
-                agent = self._agents[name]
-                scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
-                what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
-                each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
-                each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
-                if each.current is not None:
-                    going_on.append(lane)
+            holds = bool(state.holds_target[row])
+            ending = self._ending(name, lane, bool(stop[row]), int(progress.elapsed[row]), holds, at_limit)
+            if ending is None:
+                continue
+
+            # A skill that must end with an empty hand lets go when its time is over.
+            forced = ending == "timed out" and skill.ends_with_empty_hand and not bool(state.empty_hand[row])
+            if forced:
+                world.simulator(lane).release()
+
+            # Record the run, and where a failed one stood.
+            succeeded = bool(success[row] and not state.diverged[row])
+            if not succeeded:
+                each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
+            agent = self._agents[name]
+            scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
+            what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
+            each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
+
+            # Ask the planner what is next.
+            each.current = None if at_limit else each.planner.next(each.facts(world, lane), succeeded)
+            if each.current is not None:
+                going_on.append(lane)
         if going_on:
             self._begin_skills(world, going_on, running)
 
@@ -382,13 +434,14 @@ class Executor:
     ) -> None:
         """Add a row to the recorder of each lane after a control step; `state` is that of these lanes."""
         for row, lane in enumerate(lanes.tolist()):
-            each, simulator = running[lane], world.simulator(lane)
-            objects, held, doors = each.read(simulator)
+            each = running[lane]
+            simulator = world.simulator(lane)
+            objects, held, positions = each.read(simulator)
             poses, velocities = simulator.objects(len(objects))
             up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
             speed = np.sqrt((velocities**2).sum(axis=1))
-            robot = state.gripper[row], state.base[row], state.contact_force[row]
-            each.recorder.rows.append((objects, held, doors, up, speed, *robot))
+            robot = (state.gripper[row], state.base[row], state.contact_force[row])
+            each.recorder.rows.append((objects, held, positions, up, speed, *robot))
             each.recorder.diverged |= bool(state.diverged[row])
             if each.current is not None:
                 each.step += 1

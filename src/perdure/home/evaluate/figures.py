@@ -11,6 +11,7 @@ import numpy as np
 from perdure.home.evaluate.comparison import (
     MEASURES,
     WORDS,
+    Measure,
     View,
     by_shape,
     describe_kind,
@@ -144,9 +145,9 @@ def outcome_figure(view: View) -> Figure:
     """Return the figure of outcomes (figures 2-1, 2-3): a row for each outcome, a bar for each strategy."""
     import polars as pl
 
-    seen = view.tables["outcomes"].filter(pl.col("count") > 0, pl.col("strategy").is_in(view.strategies))["outcome"]
-    every = view.rows("outcomes", view.strategies[0])["outcome"]
-    names = [name for name in every if name in set(seen)]
+    tables = [view.rows("outcomes", strategy) for strategy in view.strategies]
+    seen = {name for table in tables for name in table.filter(pl.col("count") > 0)["outcome"]}
+    names = [name for name in tables[0]["outcome"] if name in seen]
     return Figure(
         name="outcomes",
         title="What became of the episodes",
@@ -181,7 +182,8 @@ def _share_chart(
     """Return bars of shares of all episodes with their counts, a row for each of `order`, a bar for each strategy."""
     bars = []
     for strategy, label, style in view.shown:
-        total, rows = view.success(strategy)["episodes"], view.rows(table, strategy, **equal).iter_rows(named=True)
+        total = view.success(strategy)["episodes"]
+        rows = view.rows(table, strategy, **equal).iter_rows(named=True)
         found = {tuple(row[key] for key in keys): row for row in rows}
         here = [(number, found[key]) for number, key in enumerate(order) if key in found]
         texts = [
@@ -219,7 +221,9 @@ def kind_figure(view: View) -> Figure | None:
 
 def shape_figure(view: View) -> Figure | None:
     """Return the share of cylinders among placements and among those that did not stay; None without cylinders."""
-    names, shares, texts = list[str](), list[float](), list[str]()
+    names: list[str] = []
+    shares: list[float] = []
+    texts: list[str] = []
     for strategy, label, _ in view.shown:
         shapes = by_shape(view, strategy)
         if shapes[0][0]:
@@ -247,7 +251,7 @@ def release_figure(view: View, column: str) -> Figure | None:
     """Return the empirical distribution of one of `MEASURES` for each strategy; None without placements."""
     if "placements" not in view.tables:
         return None
-    measure, curves = MEASURES[column], []
+    measure = MEASURES[column]
     shown = [
         (label, style, view.rows("placements", strategy)[column].to_numpy())
         for strategy, label, style in view.shown
@@ -256,12 +260,12 @@ def release_figure(view: View, column: str) -> Figure | None:
     if not shown:
         return None
     values = [np.maximum(each, SLOWEST) if measure.log else each for _, _, each in shown]
-    low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
-    margin = 0.03 * (high - low)
-    low, high = (SLOWEST, max(1.0, high)) if measure.log else (low - margin, high + margin)
-    for (label, style, _), each in zip(shown, values, strict=True):
-        curves.append(_distribution(label, each, style, low, high))
-    sample, marker = wording.sample(list(map(len, values)), "placement"), measure.marker
+    low, high = _release_range(values, measure)
+    curves = [
+        _distribution(label, each, style, low, high) for (label, style, _), each in zip(shown, values, strict=True)
+    ]
+    sample = wording.sample(list(map(len, values)), "placement")
+    marker = measure.marker
     return Figure(
         name=slug("release", column.removeprefix("release_")),
         title=measure.title,
@@ -273,6 +277,16 @@ def release_figure(view: View, column: str) -> Figure | None:
         ),
         note=f"Speeds below {SLOWEST} m/s are drawn there." if measure.log else "",
     )
+
+
+def _release_range(values: Sequence[FloatArray], measure: Measure) -> tuple[float, float]:
+    """Return the ends of the axis of a measure at the release: all values, with a margin where it is linear."""
+    low = float(min(map(np.min, values)))
+    high = float(max(map(np.max, values)))
+    if measure.log:
+        return SLOWEST, max(1.0, high)
+    margin = 0.03 * (high - low)
+    return low - margin, high + margin
 
 
 def _distribution(label: str, values: FloatArray, style: charts.Style, low: float, high: float) -> Curve:

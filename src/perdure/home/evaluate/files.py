@@ -12,7 +12,7 @@ import hashlib
 import io
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -21,21 +21,47 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import numpy as np
 
 from perdure.errors import PerdureError
-from perdure.home.evaluate.log import Column, EpisodeLog
+from perdure.home.evaluate.log import Column, EpisodeLog, Event
+from perdure.home.evaluate.strategy import strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.scene import SceneOptions
+from perdure.home.tasks.planners import FallbackName, PlannerName
 from perdure.runs import write_atomic
 from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
 
 if TYPE_CHECKING:
     import polars as pl
 
-SCHEMA_NAME, SCHEMA_VERSION = "perdure.home.episodes.log", "4"
+SCHEMA_NAME = "perdure.home.episodes.log"
+SCHEMA_VERSION = "5"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
+OLD_VERSION = "4"
+"""Also read; it had `strategy` in place of `place` and the columns below, and a position of two containers an event."""
+_NEW_COLUMNS = ("world", "planner", "fallback")
+_OLD_CONTAINERS = ("drawer", "fridge")
+"""Fields of an event in version 4."""
 _RESERVED = (*FORMAT, "sha256")
 POLICIES = dict[str, str]
 """The note `policies`: skill to the name of its policy, which may hold a path."""
 HAND_OVERS = dict[str, Count]
 """The note `hand_overs`: outcome of a release strategy to how often it came."""
+
+
+@dataclass(frozen=True)
+class OldOptions:
+    """What the note `protocol` of version 4 says of options."""
+
+    scene: SceneOptions = field(default_factory=SceneOptions)
+    planner: PlannerName = "open"
+    fallback: FallbackName = "oracle"
+
+
+@dataclass(frozen=True)
+class OldProtocol:
+    """What the note `protocol` of version 4 says of what was run."""
+
+    place: str
+    options: OldOptions = field(default_factory=OldOptions)
 
 
 @dataclass(frozen=True)
@@ -181,7 +207,8 @@ def write_logs(path: str | os.PathLike[str], logs: Sequence[EpisodeLog], notes: 
         _checked_rows(frame)
     except PerdureError as error:
         raise PerdureError(f"the logs for {os.fspath(path)} cannot be written: {error}") from None
-    buffer, about = io.BytesIO(), {**FORMAT, **notes, "sha256": digest(frame, notes)}
+    buffer = io.BytesIO()
+    about = {**FORMAT, **notes, "sha256": digest(frame, notes)}
     frame.write_parquet(buffer, metadata=about, compression_level=12)
     return write_atomic(Path(path), buffer.getvalue())
 
@@ -210,21 +237,70 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
     notes = dict(file.notes)
     if notes.pop("schema", "") != SCHEMA_NAME:
         raise PerdureError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
-    if (version := notes.pop("version", "")) != SCHEMA_VERSION:
+    version = notes.pop("version", "")
+    if version not in (SCHEMA_VERSION, OLD_VERSION):
         raise PerdureError(f"{path} has version {version or 'unknown'}; this package reads version {SCHEMA_VERSION}")
     try:
-        frame, expected = file.read(), columns()
-        if dict(frame.schema) != expected:
-            names = {**frame.schema, **expected}
-            wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
-            raise PerdureError(f"wrong, missing or unknown columns {wrong}")
-        if notes.pop("sha256", None) != digest(frame, notes):
+        frame = file.read()
+        _check_columns(frame, columns() if version == SCHEMA_VERSION else _old_columns())
+        if notes.pop("sha256", None) != digest(frame, notes, version):
             raise PerdureError("it is damaged, its content does not fit its SHA-256")
+        if version == OLD_VERSION:
+            frame = _from_old(frame, notes)
         records = [from_row(EpisodeLog, row) for row in _checked_rows(frame)]
         check_distinct(records, "it")
     except PerdureError as error:
         raise PerdureError(f"{path} does not hold what a file of logs must hold: {error}") from error
     return records, notes
+
+
+def _check_columns(frame: pl.DataFrame, expected: Mapping[str, pl.DataType]) -> None:
+    """Refuse a table with other columns or types."""
+    if dict(frame.schema) != expected:
+        names = {**frame.schema, **expected}
+        wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
+        raise PerdureError(f"wrong, missing or unknown columns {wrong}")
+
+
+def _old_columns() -> dict[str, pl.DataType]:
+    """Return the columns of version 4, in which one text told what was run: "ik drag closed"."""
+    import polars as pl
+
+    event = columns(Event)
+    del event["containers"]
+    found = {}
+    for name, dtype in columns().items():
+        if name == "place":
+            found["strategy"] = dtype
+        elif name == "events":
+            found["events"] = pl.List(pl.Struct({**event, **dict.fromkeys(_OLD_CONTAINERS, pl.Float64())}))
+        elif name not in _NEW_COLUMNS:
+            found[name] = dtype
+    return found
+
+
+def _from_old(frame: pl.DataFrame, notes: Mapping[str, str]) -> pl.DataFrame:
+    """Return a table of version 4 as one of today; its note `protocol` tells what was run, else the text is kept."""
+    import polars as pl
+
+    strategy = None
+    if "protocol" in notes:
+        noted = read_json(notes["protocol"], OldProtocol)
+        strategy = strategy_of(noted.place, noted.options.scene, noted.options.planner, noted.options.fallback)
+    usual = {each.name: each.default for each in fields(EpisodeLog) if each.name in _NEW_COLUMNS}
+    place = pl.col("strategy") if strategy is None else pl.lit(strategy.place)
+    more = {name: pl.lit(value if strategy is None else getattr(strategy, name)) for name, value in usual.items()}
+    return frame.with_columns(place=place, events=_events_from_old(), **more).select(columns().keys())
+
+
+def _events_from_old() -> pl.Expr:
+    """Return the events of version 4 with a list of containers in place of a field for each."""
+    import polars as pl
+
+    event = pl.element().struct
+    kept = [event.field(name) for name in columns(Event) if name != "containers"]
+    each = [pl.struct(name=pl.lit(name), position=event.field(name)) for name in _OLD_CONTAINERS]
+    return pl.col("events").list.eval(pl.struct(*kept, pl.concat_list(each).alias("containers")))
 
 
 def read_note(notes: Mapping[str, str], name: str, kind: Any) -> dict[str, Any]:
@@ -251,12 +327,13 @@ def read_log_files(
 ) -> list[tuple[list[EpisodeLog], dict[str, str], Any]]:
     """Return logs, notes and path of each file; PerdureError if an episode of a strategy is there twice.
 
-    The name of a file or of a folder above it becomes the last word of its strategies.
+    The name of a file or of a folder above it becomes the label of its strategies.
     """
-    files, found = [(*read_log_file(path), path) for path in paths], dict[Any, Any]()
+    files = [(*read_log_file(path), path) for path in paths]
     for (logs, _, path), (given, name) in product(files, (names or {}).items()):
         if Path(path).is_relative_to(given):
-            logs[:] = [replace(log, strategy=f"{log.strategy} {'-'.join(name.split())}") for log in logs]
+            logs[:] = [replace(log, label=name) for log in logs]
+    found: dict[Any, Any] = {}
     for record, path in ((record, path) for logs, _, path in files for record in logs):
         if record.key in found:
             raise PerdureError(f"{found[record.key]} and {path} both hold {record.name}; remove one, or give names")
@@ -264,6 +341,7 @@ def read_log_files(
     return files
 
 
-def digest(frame: pl.DataFrame, notes: Mapping[str, str]) -> str:
+def digest(frame: pl.DataFrame, notes: Mapping[str, str], version: str = SCHEMA_VERSION) -> str:
     """Return the SHA-256 of notes and rows: Parquet's own checks let most flipped bits through."""
-    return hashlib.sha256(repr((sorted({**FORMAT, **notes}.items()), frame.columns, frame.rows())).encode()).hexdigest()
+    about = sorted({**FORMAT, "version": version, **notes}.items())
+    return hashlib.sha256(repr((about, frame.columns, frame.rows())).encode()).hexdigest()

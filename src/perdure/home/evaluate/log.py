@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Annotated, Literal, get_args
@@ -18,8 +19,20 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 
 from perdure.errors import PerdureError
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
-from perdure.home.tasks.tasks import PREDICATES, TASKS, HomeTask, WorldFacts, at, get_task, predicate
+from perdure.home.sim.pieces import CONTAINERS
+from perdure.home.tasks.tasks import (
+    ABOUT_CONTAINERS,
+    SKILL_VERBS,
+    TASKS,
+    HomeTask,
+    Predicate,
+    Verb,
+    WorldFacts,
+    at,
+    get_task,
+)
 from perdure.schema import Choice, Flag, Kind, Real, Text, Whole
 
 UNTRAINED = -1
@@ -27,9 +40,8 @@ UNTRAINED = -1
 Ending = Literal["stopped", "timed out", "task limit"]
 """Why a skill run ended: its own stop rule, its step limit, or the task's step limit."""
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
-CONTAINERS = ("", "drawer", "fridge")
-"""Container of a target at the start: none, a drawer, the fridge."""
-MOVED, TURNED = 0.002, 0.01
+MOVED = 0.002
+TURNED = 0.01
 """Tracks leave out steps at which the object is within 2 mm of where it was, the height of its z axis within 0.01."""
 GRID = 2.0**-13
 """Poses of tracks are rounded to multiples of this (0.12 mm), which lets a file shrink."""
@@ -52,12 +64,18 @@ class Column:
     longest: int = 10_000_000
 
 
-_XYZ, _QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
-_NAME, _FLAG, _SEED = Text(200, shortest=1), Flag(), Whole(-1)
-_STEP, _TARGET = Whole(0, 1_000_000), Whole(0, 100)
+_XYZ = ("x", "y", "z")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_NAME = Text(200, shortest=1)
+_WORDS = Text(200)
+_FLAG = Flag()
+_SEED = Whole(-1)
+_STEP = Whole(0, 1_000_000)
+_TARGET = Whole(0, 100)
 _PLACE = Real(-1e9, 1e9)
 """A simulation that blows up throws objects far."""
-_UNIT, _MEASURED = Real(-1.001, 1.001), Real(0.0, unknown=True)
+_UNIT = Real(-1.001, 1.001)
+_MEASURED = Real(0.0, unknown=True)
 
 
 @dataclass(frozen=True)
@@ -66,7 +84,7 @@ class Target:
 
     kind: Annotated[str, Column("YCB name", _NAME)]
     cylinder: Annotated[bool, Column("whether it is an upright cylinder (a can)", _FLAG)]
-    container: Annotated[str, Column('where it starts: "drawer", "fridge" or ""', Choice(CONTAINERS))]
+    container: Annotated[str, Column('container it starts in, such as "drawer", or ""', Choice(("", *CONTAINERS)))]
     goal: Annotated[
         Vec3, Column("goal of its middle, at rest and upright", _PLACE, "m", ("goal_x", "goal_y", "goal_z"))
     ]
@@ -96,19 +114,31 @@ class SkillRun:
 
 
 @dataclass(frozen=True)
+class ContainerPosition:
+    """How far a container is open."""
+
+    name: Annotated[str, Column("container, such as fridge", Choice(tuple(CONTAINERS)))]
+    position: Annotated[float, Column("how far it is open; 0 where the task has none", Real(-10.0, 10.0), "m or rad")]
+
+
+@dataclass(frozen=True)
 class Event:
     """The inputs of the stages' conditions, from this step to the next event.
 
     An event is due at step 0 and whenever `held`, a member of `in_goal`, or one of these changes: drawer at or above
-    0.4 m, at or below 0.1 m; fridge at or above 1.42 rad, at or below 0.15 rad. A grasp is an event at which `held`
-    becomes a target, a release one at which it ceases to be it.
+    0.4 m, at or below 0.1 m; fridge at or above 1.42 rad, at or below 0.15 rad; any other container at its own limits.
+    A grasp is an event at which `held` becomes a target, a release one at which it ceases to be it.
     """
 
     step: Annotated[int, Column("first step of this state", _STEP)]
     held: Annotated[int, Column("target in the hand; -1: nothing; -2: clutter or a handle", Whole(-2, 100))]
     in_goal: Annotated[tuple[bool, ...], Column("which targets are within 0.15 m of their goals", _FLAG, longest=100)]
-    drawer: Annotated[float, Column("how far the drawer of target 0 is out", Real(-10.0, 10.0), "m")]
-    fridge: Annotated[float, Column("how far the fridge's upper door is open", Real(-10.0, 10.0), "rad")]
+    containers: Annotated[tuple[ContainerPosition, ...], Column("how far containers are open", longest=100)]
+
+    @cached_property
+    def positions(self) -> Mapping[str, float]:
+        """How far each container is open in [m] or [rad], by name."""
+        return {each.name: each.position for each in self.containers}
 
 
 @dataclass(frozen=True)
@@ -202,7 +232,7 @@ class EpisodeLog:
     split: Annotated[str, Column("such as val", Text(50, shortest=1))]
     index: Annotated[int, Column("number of the episode in its split", Whole(0, 1_000_000))]
     episode_hash: Annotated[str, Column("equal hashes: equal starts and goals (elsewhere: any name)", _NAME)]
-    strategy: Annotated[str, Column('what was run: release strategy and world, or any text such as "TP+SRL"', _NAME)]
+    place: Annotated[str, Column('release strategy, or any text such as "TP+SRL"', _NAME)]
     train_seed: Annotated[int, Column("training seed; -1: nothing was trained", _SEED)]
     eval_seed: Annotated[int, Column("evaluation seed", _SEED)]
     control_hz: Annotated[float, Column("control steps per second", Real(0.0, 1e5, above=True), "1/s")]
@@ -217,38 +247,73 @@ class EpisodeLog:
         tuple[FinalObject, ...],
         Column("every object after the last step, targets first; empty: unknown", longest=10_000),
     ] = ()
+    world: Annotated[str, Column("options that differ from the usual world, in words", _WORDS)] = ""
+    planner: Annotated[str, Column("planner", _NAME)] = "open"
+    fallback: Annotated[str, Column("who takes over a skill that failed often; none with the open loop", _NAME)] = (
+        "none"
+    )
+    label: str = ""
+    """What `perdure home analyze --names` calls its file; files do not keep it."""
     history: History | None = field(default=None, repr=False)
     """Every pose at every step; files do not keep it."""
 
     def __post_init__(self) -> None:
-        about = [*(run.target for run in self.runs), *(release.target for release in self.releases)]
-        for wrong, sentence in (
-            (not self.strategy, "no strategy: it must name what was run"),
-            (len(self.targets) != len(get_task(self.task).targets), f"{len(self.targets)} targets"),
-            (self.steps < 1 or self.length < self.steps, f"{self.steps} steps of {self.length}"),
-            (not self.diverged and self.length == self.steps, "no settling time after its last step"),
-            (not self.control_hz > 0.0, f"a control rate of {self.control_hz} Hz"),
-            (not self.events or self.events[0].step != 0, "no event at step 0"),
-            ((np.diff(self._event_steps, append=self.length) <= 0).any(), "events out of order"),
-            (any(len(e.in_goal) != len(self.targets) for e in self.events), "events about other targets"),
-            (any(not 0 <= k < len(self.targets) for k in about), "a run or release of an unknown target"),
-            (any(e.held >= len(self.targets) for e in self.events), "a held target that is not there"),
-            (any(r.ending not in ENDINGS for r in self.runs), f"a run's ending that is none of {ENDINGS}"),
-            (any(not 0 <= r.begin <= r.end <= self.steps for r in self.runs), "runs outside its steps"),
-            (any(t.container not in CONTAINERS for t in self.targets), f"a container that is none of {CONTAINERS}"),
-            (any(r.track.step[-1] >= self.length for r in self.releases), "a track beyond its end"),
-        ):
-            if wrong:
-                raise PerdureError(f"{self.name} does not fit together: it has {sentence}")
+        for wrong in (*self._wrong_lengths(), *self._wrong_events(), *self._wrong_parts()):
+            raise PerdureError(f"{self.name} does not fit together: it has {wrong}")
+
+    def _wrong_lengths(self) -> Iterator[str]:
+        if not self.place:
+            yield "no place: it must name what was run"
+        if self.steps < 1 or self.length < self.steps:
+            yield f"{self.steps} steps of {self.length}"
+        if not self.diverged and self.length == self.steps:
+            yield "no settling time after its last step"
+        if not self.control_hz > 0.0:
+            yield f"a control rate of {self.control_hz} Hz"
+
+    def _wrong_events(self) -> Iterator[str]:
+        if not self.events or self.events[0].step != 0:
+            yield "no event at step 0"
+        if (np.diff(self._event_steps, append=self.length) <= 0).any():
+            yield "events out of order"
+        if any(len(event.in_goal) != len(self.targets) for event in self.events):
+            yield "events about other targets"
+        if any(event.held >= len(self.targets) for event in self.events):
+            yield "a held target that is not there"
+        if len({tuple(event.positions) for event in self.events}) > 1:
+            yield "events about other containers"
+
+    def _wrong_parts(self) -> Iterator[str]:
+        if len(self.targets) != len(get_task(self.task).targets):
+            yield f"{len(self.targets)} targets"
+        about = [run.target for run in self.runs] + [release.target for release in self.releases]
+        if any(not 0 <= target < len(self.targets) for target in about):
+            yield "a run or release of an unknown target"
+        if any(run.ending not in ENDINGS for run in self.runs):
+            yield f"a run's ending that is none of {ENDINGS}"
+        if any(not 0 <= run.begin <= run.end <= self.steps for run in self.runs):
+            yield "runs outside its steps"
+        containers = {""}
+        if self.events:
+            containers |= set(self.events[0].positions)
+        if any(target.container not in containers for target in self.targets):
+            yield "a container that its events lack"
+        if any(release.track.step[-1] >= self.length for release in self.releases):
+            yield "a track beyond its end"
+
+    @cached_property
+    def strategy(self) -> Strategy:
+        """What was run."""
+        return Strategy(self.place, self.world, self.planner, self.fallback, self.label)
 
     @property
     def name(self) -> str:
         """Such as `TP+SRL, training seed 100, set_table/val/003, evaluation seed 0`."""
         episode = f"{self.task}/{self.split}/{self.index:03d}"
-        return f"{self.strategy}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
+        return f"{self.strategy.name}, training seed {self.train_seed}, {episode}, evaluation seed {self.eval_seed}"
 
     @property
-    def key(self) -> tuple[str, str, str, int, int, int]:
+    def key(self) -> tuple[str, str, Strategy, int, int, int]:
         """What no two episodes of one analysis may share."""
         return self.task, self.split, self.strategy, self.train_seed, self.eval_seed, self.index
 
@@ -269,9 +334,10 @@ class EpisodeLog:
         """Return the skill that acted at a step, None if none did."""
         return next((run for run in self.runs if run.begin <= step < run.end), None)
 
-    def run(self, skill: str, target: int) -> SkillRun | None:
-        """Return the last run of a skill (or of any whose name begins so) for a target, None if it never ended."""
-        return next((r for r in reversed(self.runs) if r.skill.startswith(skill) and r.target == target), None)
+    def run(self, verb: Verb, target: int) -> SkillRun | None:
+        """Return the last run of a skill that does this for a target, None if it never ended."""
+        found = [run for run in self.runs if SKILL_VERBS.get(run.skill) == verb and run.target == target]
+        return found[-1] if found else None
 
 
 def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
@@ -279,7 +345,8 @@ def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
 
     `position` has shape (n, 3), `up` shape (n,).
     """
-    points, heights = position.tolist(), up.tolist()
+    points = position.tolist()
+    heights = up.tolist()
     kept = [0]
     for step in range(1, len(points)):
         last = kept[-1]
@@ -288,9 +355,6 @@ def kept_steps(position: FloatArray, up: FloatArray) -> IntArray:
     if kept[-1] != len(points) - 1:
         kept.append(len(points) - 1)
     return np.array(kept)
-
-
-_DOORS = [predicate(f"{name}()") for name in PREDICATES if name.endswith(("drawer", "fridge"))]
 
 
 @dataclass(frozen=True)
@@ -302,7 +366,7 @@ class History:
     """
 
     facts: WorldFacts
-    """Targets, goals, held, drawer, fridge. Leading axis (steps,)."""
+    """Targets, goals, held, containers. Leading axis (steps,)."""
     up: FloatArray
     """Height of the targets' own z axes: 1 upright, 0 lying. Shape (steps, targets)."""
     speed: FloatArray
@@ -323,16 +387,17 @@ class History:
     @property
     def events(self) -> tuple[Event, ...]:
         """The state at the first step, and at each step at which a condition of a stage may change."""
-        facts, inside = self.facts, at(self.facts)
-        state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in _DOORS)]).astype(np.int64)
+        facts = self.facts
+        inside = at(facts)
+        doors = [Predicate(state, container=name) for name in facts.containers for state in ABOUT_CONTAINERS]
+        state = np.column_stack([facts.held, inside, *(door.holds(facts) for door in doors)]).astype(np.int64)
         changes = np.concatenate([[0], 1 + np.flatnonzero((state[1:] != state[:-1]).any(axis=1))])
         return tuple(
             Event(
                 step=int(k),
                 held=int(facts.held[k]),
                 in_goal=tuple(map(bool, inside[k])),
-                drawer=float(facts.drawer[k]),
-                fridge=float(facts.fridge[k]),
+                containers=tuple(ContainerPosition(name, float(q[k])) for name, q in facts.containers.items()),
             )
             for k in changes
         )
@@ -355,8 +420,10 @@ class History:
     def _release(self, step: int, target: int) -> Release:
         again = np.flatnonzero(self.facts.held[step + 1 :] == target)
         rows = slice(step, step + 1 + int(again[0]) if len(again) else len(self.facts))
-        position, up = _rounded(self.facts.object_positions[rows, target]), _rounded(self.up[rows, target])
-        kept, before = kept_steps(position, up), max(step - 1, 0)
+        position = _rounded(self.facts.object_positions[rows, target])
+        up = _rounded(self.up[rows, target])
+        kept = kept_steps(position, up)
+        before = max(step - 1, 0)
         return Release(
             target=target,
             object_speed=float(self.speed[step, target]),

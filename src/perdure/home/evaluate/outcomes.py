@@ -22,12 +22,26 @@ import numpy as np
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.sim.simulator import GRASP_RADIUS
-from perdure.home.tasks.tasks import AT, DRAWER_OPEN, FRIDGE_OPENED, NOTHING, SOMETHING_ELSE, Predicate, WorldFacts, at
+from perdure.home.tasks.tasks import (
+    ABOUT_CONTAINERS,
+    AT,
+    NOTHING,
+    SKILL_VERBS,
+    SOMETHING_ELSE,
+    Predicate,
+    Stage,
+    Verb,
+    WorldFacts,
+    at,
+)
 
 Counting = Literal["latched", "stabilizing"]
 COUNTINGS: tuple[Counting, ...] = get_args(Counting)
-SUCCESS, DID_NOT_LAST, OTHER = "success", "success that did not last", "other"
+SUCCESS = "success"
+DID_NOT_LAST = "success that did not last"
+OTHER = "other"
 FailureCause = Literal[
     "diverged",
     "time-out",
@@ -63,9 +77,11 @@ then."""
 OFF_SUPPORT = 0.1
 """An object whose middle is so far in [m] below where it would rest is off its support, our choice: the middle of the
 tallest object is 0.07 m lower when it lies."""
-REST_SECONDS, REST_MOVE = 0.5, 0.005
+REST_SECONDS = 0.5
+REST_MOVE = 0.005
 """An object that moves by less than 5 mm within half a second has come to rest, our choice."""
-NEAR_GRIPPER, NEAR_BASE = 0.25, 0.5
+NEAR_GRIPPER = 0.25
+NEAR_BASE = 0.5
 """The robot is near when the gripper point is within 0.25 m of the object's middle (hand and half the largest object),
 or the base's middle within 0.5 m of it in the plane (base and half the largest object), our choice."""
 FINAL_SECONDS = 5.0
@@ -90,8 +106,9 @@ def moments(log: EpisodeLog) -> tuple[IntArray, WorldFacts]:
     goals = np.array([target.goal for target in log.targets])
     beside = np.zeros((len(steps), *goals.shape))
     beside[..., 0] = np.where(np.array([event.in_goal for event in events]), 0.0, _OUTSIDE)
-    state = (np.array([getattr(event, name) for event in events]) for name in ("held", "drawer", "fridge"))
-    return steps, WorldFacts(goals + beside, goals, *state)
+    held = np.array([event.held for event in events])
+    containers = {name: np.array([event.positions[name] for event in events]) for name in events[0].positions}
+    return steps, WorldFacts(goals + beside, goals, held, containers)
 
 
 @_once
@@ -99,7 +116,8 @@ def stage_steps(log: EpisodeLog) -> tuple[int, ...]:
     """Return the step at which each stage is first reached, counted as the benchmark does; `NEVER` where it is not."""
     steps, facts = moments(log)
     steps = steps[steps < log.steps]
-    reached, since = [], 0
+    reached: list[int] = []
+    since = 0
     for stage in log.home_task.stages:
         met = np.flatnonzero(stage.met(facts)[: len(steps)] & (steps >= since))
         if not len(met):
@@ -120,11 +138,14 @@ def handled(log: EpisodeLog, target: int, once: bool = False) -> tuple[int, int]
     None when its pick never ended; when no place ended after the last pick, the rest of the episode. `once`: to its
     first place, as if the plan had not looked again.
     """
-    runs = [run for run in log.runs if run.target == target and run.skill.startswith(("pick", "place"))]
-    picks = [run.begin for run in runs if run.skill.startswith("pick")]
-    if once:
-        runs = runs[: 1 + next((k for k, run in enumerate(runs) if run.skill.startswith("place")), len(runs))]
-    return (picks[0], runs[-1].end if runs[-1].skill.startswith("place") else log.steps) if picks else None
+    runs = [run for run in log.runs if run.target == target and SKILL_VERBS.get(run.skill) in (Verb.PICK, Verb.PLACE)]
+    picks = [run.begin for run in runs if SKILL_VERBS[run.skill] == Verb.PICK]
+    places = [k for k, run in enumerate(runs) if SKILL_VERBS[run.skill] == Verb.PLACE]
+    if not picks:
+        return None
+    if once and places:
+        runs = runs[: places[0] + 1]
+    return picks[0], runs[-1].end if SKILL_VERBS[runs[-1].skill] == Verb.PLACE else log.steps
 
 
 def stays(log: EpisodeLog, target: int, once: bool = False) -> bool:
@@ -165,9 +186,10 @@ def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
     first, then drawer and fridge, then the hand. None when the stage's own skill never ended, or began only when the
     episode was over.
     """
-    conditions = sorted(log.home_task.stages[stage].conditions, key=_rank)
-    skill, _, target = log.home_task.stages[stage].name.partition("_")
-    if (run := log.run(skill, int(target))) is None:
+    wanted = log.home_task.stages[stage]
+    conditions = sorted(wanted.conditions, key=_rank)
+    run = log.run(wanted.verb, wanted.target)
+    if run is None:
         return None
     begin = max(run.begin, stage_steps(log)[stage - 1] if stage else 0)
     steps, facts = moments(log)
@@ -182,8 +204,8 @@ def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
 
 def _rank(condition: Predicate) -> tuple[int, int]:
     """Return order in which conditions are blamed."""
-    group = 0 if condition.name == "at" else 2 if condition.name in ("holding", "not_holding") else 1
-    return group, -1 if condition.target is None else condition.target
+    groups = {"at": 0, **dict.fromkeys(ABOUT_CONTAINERS, 1)}
+    return groups.get(condition.name, 2), -1 if condition.target is None else condition.target
 
 
 def placement(log: EpisodeLog, target: int, once: bool = False) -> Release | None:
@@ -203,24 +225,22 @@ def failure_cause(log: EpisodeLog, stage: int, condition: Predicate | None) -> F
     if condition is not None and condition.name == "at":
         assert condition.target is not None
         return placement_cause(log, placement(log, condition.target))
-    skill, _, target = log.home_task.stages[stage].name.partition("_")
-    run = log.run(skill, int(target))
+    run = log.run(log.home_task.stages[stage].verb, log.home_task.stages[stage].target)
     if condition is None or run is None or run.ending == "task limit" or condition.name == "not_holding":
         return "time-out"
     if condition.name == "holding":
         return _pick_cause(log, run)
     if _collided(log, run):
         return "collision"
-    return "door not open" if condition.name.startswith("opened") else "door not closed"
+    return "door not open" if condition.name == "opened" else "door not closed"
 
 
 def _pick_cause(log: EpisodeLog, run: SkillRun) -> FailureCause:
     held = {e.held for e in log.events if run.begin <= e.step < run.end} | {log.at(run.begin).held}
     if any(each == SOMETHING_ELSE or each >= 0 for each in held - {run.target}):
         return "wrong object grasped"
-    begin, container = log.at(run.begin), log.targets[run.target].container
-    shut = {"drawer": begin.drawer < DRAWER_OPEN, "fridge": begin.fridge < FRIDGE_OPENED}
-    if shut.get(container, False):
+    container = log.targets[run.target].container
+    if container and log.at(run.begin).positions[container] < CONTAINERS[container].opened:
         return "door not open"
     if _collided(log, run):
         return "collision"
@@ -248,6 +268,11 @@ def placement_cause(log: EpisodeLog, release: Release | None) -> FailureCause:
         if _robot_near(release, rested, left):
             return "displaced by the robot"
         return "tipped" if _fell_over(log, release, rested, left) else "rolled"
+    return _release_cause(log, release, inside, left)
+
+
+def _release_cause(log: EpisodeLog, release: Release, inside: BoolArray, left: int | None) -> FailureCause:
+    """Return why an object failed that never came to rest in its goal: what happened at its release, or after it."""
     run = log.run_at(release.step)
     if run is not None and run.forced_release and release.step == run.end - 1:
         return "time-out"
@@ -266,7 +291,8 @@ def placement_cause(log: EpisodeLog, release: Release | None) -> FailureCause:
 
 def _thrown(log: EpisodeLog, release: Release) -> bool:
     """Return whether the object was fast in the hand, and still right after it was let go."""
-    track, steps = release.track.thin, max(1, round(log.control_hz * AFTER_RELEASE))
+    track = release.track.thin
+    steps = max(1, round(log.control_hz * AFTER_RELEASE))
     steps = min(steps, int(track.step[-1]) - release.step)
     if release.object_speed <= THROWN_SPEED or steps == 0:
         return release.object_speed > THROWN_SPEED
@@ -348,7 +374,7 @@ def tilt(up: FloatArray) -> FloatArray:
 class Label:
     """Why an episode failed."""
 
-    stage: str
+    stage: Stage
     """First unmet stage."""
     cause: FailureCause
     target: int
@@ -366,10 +392,10 @@ def label(log: EpisodeLog, counting: Counting) -> Label | None:
     number = counted.index(False)
     stage = log.home_task.stages[number]
     condition = Predicate("at", stage.placed) if reached[number] else blamed(log, number)
-    target = int(stage.name.partition("_")[2])
+    target = stage.target
     if condition is not None and condition.name == "at" and condition.target is not None:
         target = condition.target
-    return Label(stage.name, failure_cause(log, number, condition), target, condition)
+    return Label(stage, failure_cause(log, number, condition), target, condition)
 
 
 def outcome(log: EpisodeLog) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from perdure.home.evaluate.analysis import GROUP, Analysis
+from perdure.home.evaluate.analysis import GROUP, Analysis, group_of
 from perdure.home.evaluate.comparison import make_tables, make_views, summary, verdict
 from perdure.home.evaluate.figures import make_figures
 from perdure.home.evaluate.files import HAND_OVERS, POLICIES, read_log_files, read_note
@@ -32,7 +32,7 @@ alone; nothing is simulated for this page."""
 
 @dataclass(frozen=True)
 class LogNotes:
-    """What log files note beside their episodes; rows begin with task, split and strategy."""
+    """What log files note beside their episodes; rows begin with the values of `GROUP`."""
 
     policies: tuple[tuple[str, ...], ...] = ()
     """Skill and name of a policy; several where there are several training seeds."""
@@ -63,14 +63,17 @@ def read_all(
         PerdureError: A file holds no logs, see `read_log_file`, a note is no JSON object, or two files hold the same
             episode of a strategy and its seeds, such as those of a trial run and of the whole run.
     """
-    records, policies, commands = list[EpisodeLog](), dict[tuple[str, ...], None](), dict[str, None]()
+    records: list[EpisodeLog] = []
+    policies: dict[tuple[str, ...], None] = {}
+    commands: dict[str, None] = {}
     hand_overs: Counter[tuple[str, ...]] = Counter()
     for read, notes, _ in read_log_files(paths, names):
         records += read
-        commands |= {printable(notes["command"], lines=True): None} if notes.get("command") else {}
+        if notes.get("command"):
+            commands[printable(notes["command"], lines=True)] = None
         acting = read_note(notes, "policies", POLICIES)
         counts = read_note(notes, "hand_overs", HAND_OVERS)
-        for group in dict.fromkeys((record.task, record.split, record.strategy) for record in read):
+        for group in dict.fromkeys(group_of(record) for record in read):
             policies |= {(*group, printable(skill), printable(name)): None for skill, name in acting.items()}
             hand_overs.update({(*group, printable(outcome)): count for outcome, count in counts.items()})
     return records, LogNotes(tuple(policies), tuple(commands), hand_overs)
@@ -104,7 +107,9 @@ def write_page(
         PerdureError: An unknown format.
         OSError: The folder cannot be written.
     """
-    folder, parts, notes = Path(out), list[str](), notes or LogNotes()
+    folder = Path(out)
+    notes = notes or LogNotes()
+    parts: list[str] = []
     taken: set[str] = set()
     folder.mkdir(parents=True, exist_ok=True)
     for view in make_views({**vars(analysis), **notes.tables}):

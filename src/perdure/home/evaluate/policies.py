@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from perdure.errors import PerdureError, lookup
+from perdure.errors import PerdureError, did_you_mean, lookup
 from perdure.home.agents.learned import Learned, Scripted, SkillAgent
-from perdure.home.agents.release import STRATEGIES, make_strategy
+from perdure.home.agents.release import ReleaseStrategy, make_strategy, release_strategy
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.skills import SKILLS, get_skill
@@ -20,6 +20,7 @@ from perdure.home.tasks.planners import PlannerName, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.horizon import Clock, parse_clock
 from perdure.policy import Policy, files, load_policy
+from perdure.report import wording
 from perdure.runs import file_digest
 
 SHIPPED = files.SHIPPED / "home"
@@ -29,6 +30,18 @@ LEARNED_ON: Mapping[str, str] = dict.fromkeys(("navigate", "open_drawer", "open_
 """Skills trained on one task for all tasks: they do not depend on the task."""
 
 
+TIMED = ("linear", "geometric")
+"""Methods that train place policies with a time-to-go input."""
+TRAINED = {
+    "delta": "trained to stay {} steps",
+    "gentle": "trained to release at rest",
+    "hand": "trained with actions of the hand",
+    "linear": "trained with a linear time-to-go",
+    "geometric": "trained with a geometric time-to-go",
+}
+"""Place policies that were trained otherwise and open the hand at once, to what a reader sees; {}: their number."""
+
+
 @dataclass(frozen=True)
 class ReleaseChoice:
     """How objects are released; made by `read_release`."""
@@ -36,13 +49,13 @@ class ReleaseChoice:
     name: str
     """The text it was read from, such as `ik` or `delta-200`."""
     strategy: str = "rl"
-    """The release strategy, a key of `STRATEGIES`."""
+    """The release strategy, a name of `ReleaseStrategy`."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of `Place` and its environment that differ from the benchmark's."""
     trained: str = ""
     """The variant or method of its place policy, such as "delta-200" or "linear"; "" for the benchmark's."""
-    clock: str = ""
-    """What sets its time-to-go input, such as "@constant:50"; "" counts down from the step limit."""
+    steps: int | None = None
+    """What its time-to-go input always is; None for a countdown from the step limit, or for no such input."""
 
     @property
     def policy(self) -> str:
@@ -50,13 +63,34 @@ class ReleaseChoice:
         return f"place-{self.trained}" if self.trained else "place"
 
     @property
+    def clock(self) -> str:
+        """What sets its time-to-go input, as `SkillPolicy.source` has it: "@constant:50", or ""."""
+        return "" if self.steps is None else f"@constant:{self.steps}"
+
+    @property
     def flags(self) -> str:
         """What `perdure home train place` needs for that policy: "--variant gentle ", or ""."""
-        return f"--{'method' if self.trained in TIMED else 'variant'} {self.trained} " if self.trained else ""
+        if not self.trained:
+            return ""
+        return f"--{'method' if self.trained in TIMED else 'variant'} {self.trained} "
 
+    @property
+    def words(self) -> str:
+        """What a reader sees: "stop first", "trained to stay 200 steps"."""
+        if not self.trained:
+            return release_strategy(self.strategy).words
+        kind = "delta" if "delta" in self.options else self.trained
+        words = TRAINED[kind].format(self.options.get("delta"))
+        return words if self.steps is None else f"{words}, {wording.clock('constant', str(self.steps))}"
 
-TIMED = ("linear", "geometric")
-"""Methods that train place policies with a time-to-go input."""
+    @property
+    def rank(self) -> tuple[int, int]:
+        """Its place in tables: `rl`, then policies that were trained otherwise, then the other strategies."""
+        names = list(ReleaseStrategy.kinds())
+        if not self.trained:
+            return (0 if self.strategy == "rl" else len(TRAINED) + 1 + names.index(self.strategy)), 0
+        kind = "delta" if "delta" in self.options else self.trained
+        return 1 + list(TRAINED).index(kind), self.options.get("delta") or self.steps or 0
 
 
 def read_release(text: str) -> ReleaseChoice:
@@ -67,16 +101,18 @@ def read_release(text: str) -> ReleaseChoice:
     Raises:
         PerdureError: If it is none of these.
     """
-    if text in STRATEGIES:
+    strategies = ReleaseStrategy.kinds()
+    if text in strategies:
         return ReleaseChoice(text, text)
     if timed := re.fullmatch(rf"({'|'.join(TIMED)})(?:-(\d+))?", text, re.ASCII):
-        return ReleaseChoice(text, trained=timed[1], clock=f"@constant:{timed[2]}" if timed[2] else "")
+        return ReleaseChoice(text, trained=timed[1], steps=int(timed[2]) if timed[2] else None)
     try:
         return ReleaseChoice(text, options=variant_options(text), trained=text)
     except PerdureError:
-        names = ", ".join((*STRATEGIES, *VARIANTS, *TIMED))
+        names = [*strategies, *VARIANTS, *TIMED]
         more = "delta-N with N 2 or more, linear-N or geometric-N"
-        raise PerdureError(f"place must be one of {names}, {more}, not {text!r}") from None
+        hint = did_you_mean(text, names)
+        raise PerdureError(f"place must be one of {', '.join(names)}, {more}, not {text!r}{hint}") from None
 
 
 @dataclass(frozen=True)
@@ -110,7 +146,8 @@ class SkillPolicy:
         if not self.learned:
             return ORACLE
         text, clock = _split(self.source)
-        path, where = Path(text), self.source
+        path = Path(text)
+        where = self.source
         if path.is_relative_to(SHIPPED):
             where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}{clock}"
         return f"{where} (SHA-256 {self.sha256[:8]})"
@@ -159,46 +196,75 @@ def choose_policies(
             another, or none was trained for what `release` asks: the oracle does not stand in for one that should be
             there, for it would pass for a result of that training.
     """
-    chosen, release = dict(chosen or {}), release or read_release("rl")
-    for skill in chosen:
-        lookup(SKILLS, skill, "skill")
+    chosen = dict(chosen or {})
+    release = release or read_release("rl")
     learned = [each for each in needed_skills(get_task(task), planner) if each != "reset_arm"]
-    if unused := [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]:
-        why = "reset_arm is scripted" if unused[0] == "reset_arm" else f"{task} never uses {unused[0]}"
-        raise PerdureError(f"{why}; the skills of {task} that need a policy are {', '.join(learned)}")
+    _check_chosen(task, chosen, learned)
     result: dict[SkillName, SkillPolicy] = {}
     for skill in learned:
-        named = chosen.get(skill)
-        text, clock = _split(named or "")
-        timed = skill == "place" and release.trained in TIMED and named != ORACLE
-        clock = (release.clock if timed else "") or clock
-        if named is None:
-            policy = release.policy if skill == "place" else skill
-            seeds = shipped_seeds(task, policy)
-            path = seeds.get(train_seed)
-            if path is None and ((seeds and train_seed != UNTRAINED) or policy not in ("place", skill)):
-                variant, home = release.flags if skill == "place" else "", LEARNED_ON.get(skill, task)
-                flags = f"--task {home} {variant}--seeds {train_seed}"
-                raise PerdureError(
-                    f"no policy of training seed {train_seed} is shipped for {policy} on {task} (there are "
-                    f"{len(seeds)}): train one (perdure home train {skill} {flags}) and name it: --policies "
-                    f"{skill}=FILE, where {{seed}} stands for the seed"
-                )
+        # Only place knows of the release: every other skill has the benchmark's policy.
+        asked = release if skill == "place" else ReleaseChoice("rl")
+        if chosen.get(skill) == ORACLE:
+            result[skill] = SkillPolicy(ORACLE)
+        elif skill in chosen:
+            result[skill] = _given_policy(skill, chosen[skill], train_seed, asked)
         else:
-            path = None if named == ORACLE else Path(text.replace("{seed}", str(train_seed)))
-        if path is not None and not path.exists():
-            raise PerdureError(f"there is no policy {path} for {skill}")
-        result[skill] = SkillPolicy(ORACLE) if path is None else SkillPolicy(f"{path}{clock}", file_digest(path))
-        if path is not None and (named is not None or timed):
-            acting = result[skill].policy  # what is no policy, or does not fit, is refused before anything runs
-            assert acting is not None
-            if (timed or result[skill].clock) and not acting.has_clock:
-                raise PerdureError(f"{skill}={path}{clock}: the policy has no time-to-go input, so it takes no clock")
-            method = str(acting.provenance.get("method", "")).partition("-")[2]
-            if timed and method in TIMED and method != release.trained:
-                raise PerdureError(f"{skill}={path}: trained with --method {method}, not {release.trained}")
-            Learned(acting).check_fits(get_skill(skill, **(release.options if skill == "place" else {})))
+            result[skill] = _shipped_policy(task, skill, train_seed, asked)
     return result
+
+
+def _check_chosen(task: str, chosen: Mapping[str, str], learned: Sequence[str]) -> None:
+    """Refuse names of skills that are unknown, or that a task does not need a policy for."""
+    for skill in chosen:
+        lookup(SKILLS, skill, "skill")
+    unused = [skill for skill, named in chosen.items() if named != ORACLE and skill not in learned]
+    if unused:
+        why = "reset_arm is scripted" if unused[0] == "reset_arm" else f"{task} never uses {unused[0]}"
+        raise PerdureError(f"{why}; the skills of {task} that need a policy are {', '.join(learned)}")
+
+
+def _shipped_policy(task: str, skill: SkillName, train_seed: int, release: ReleaseChoice) -> SkillPolicy:
+    """Return the shipped policy of a skill, or the oracle where none is shipped for it at all."""
+    name = release.policy if skill == "place" else skill
+    seeds = shipped_seeds(task, name)
+    path = seeds.get(train_seed)
+    if path is None:
+        if (not seeds or train_seed == UNTRAINED) and name in ("place", skill):
+            return SkillPolicy(ORACLE)
+        flags = f"--task {LEARNED_ON.get(skill, task)} {release.flags}--seeds {train_seed}"
+        raise PerdureError(
+            f"no policy of training seed {train_seed} is shipped for {name} on {task} (there are {len(seeds)}): train "
+            f"one (perdure home train {skill} {flags}) and name it: --policies {skill}=FILE, where {{seed}} stands for "
+            "the seed"
+        )
+    found = SkillPolicy(f"{path}{release.clock}", file_digest(path))
+    if release.trained in TIMED:
+        _check_fits(skill, path, found, release)
+    return found
+
+
+def _given_policy(skill: SkillName, source: str, train_seed: int, release: ReleaseChoice) -> SkillPolicy:
+    """Return the policy of a file that was named for a skill, read and checked."""
+    text, clock = _split(source)
+    path = Path(text.replace("{seed}", str(train_seed)))
+    if not path.exists():
+        raise PerdureError(f"there is no policy {path} for {skill}")
+    found = SkillPolicy(f"{path}{release.clock or clock}", file_digest(path))
+    _check_fits(skill, path, found, release)
+    return found
+
+
+def _check_fits(skill: SkillName, path: Path, chosen: SkillPolicy, release: ReleaseChoice) -> None:
+    """Refuse a policy that cannot act in a skill, before anything runs."""
+    acting = chosen.policy
+    assert acting is not None
+    timed = release.trained in TIMED
+    if (timed or chosen.clock) and not acting.has_clock:
+        raise PerdureError(f"{skill}={chosen.source}: the policy has no time-to-go input, so it takes no clock")
+    method = str(acting.provenance.get("method", "")).partition("-")[2]
+    if timed and method in TIMED and method != release.trained:
+        raise PerdureError(f"{skill}={path}: trained with --method {method}, not {release.trained}")
+    Learned(acting).check_fits(get_skill(skill, **release.options))
 
 
 def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dict[str, SkillAgent]:
@@ -206,6 +272,9 @@ def make_agents(policies: Mapping[SkillName, SkillPolicy], strategy: str) -> dic
     oracle = Oracle()
     agents: dict[str, SkillAgent] = {"reset_arm": Scripted()}
     for skill, chosen in policies.items():
-        agent: SkillAgent = oracle if (policy := chosen.policy) is None else Learned(policy, chosen.clock)
-        agents[skill] = make_strategy(strategy, Oracle() if agent is oracle else agent) if skill == "place" else agent
+        policy = chosen.policy
+        agent: SkillAgent = oracle if policy is None else Learned(policy, chosen.clock)
+        if skill == "place":
+            agent = make_strategy(strategy, Oracle() if agent is oracle else agent)
+        agents[skill] = agent
     return agents

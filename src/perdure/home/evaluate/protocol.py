@@ -17,6 +17,7 @@ from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.policies import ReleaseChoice, SkillPolicy, choose_policies, make_agents, read_release
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
@@ -66,15 +67,19 @@ class EvaluationProtocol:
         return read_release(self.place)
 
     @property
-    def name(self) -> str:
-        """How logs call it: `place`, what is unusual in the world, and `closed` for this planner: `rl drag closed`."""
-        planner = self.options.planner
-        return " ".join((self.place, *self.options.scene.words, *([] if planner == "open" else [planner])))
+    def strategy(self) -> Strategy:
+        """What is run, as logs have it."""
+        return self.options.strategy(self.place)
 
     @property
     def folder(self) -> str:
-        """Where the store keeps all of it, such as `set_table/val/ik`."""
-        return f"{self.task}/{self.split}/{self.name.replace(' ', '-')}"
+        """Where the store keeps all of it, such as `set_table/val/ik` or `set_table/val/rl-drag-closed-no-fallback`."""
+        words = [self.place, *self.options.scene.words]
+        if self.options.planner != "open":
+            words.append(self.options.planner)
+        if self.options.fallback == "none":
+            words.append("no-fallback")
+        return f"{self.task}/{self.split}/{'-'.join(words)}"
 
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
@@ -137,7 +142,8 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
     for block in episode_blocks(protocol, store):
         acting = policies[block.train_seed]
         arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
-        config, size = _config(protocol, block, acting), float(block.last - block.first + 1)
+        config = _config(protocol, block, acting)
+        size = float(block.last - block.first + 1)
         cores = len(os.sched_getaffinity(0))
         yield Unit(block.key(protocol), config, f"{__name__}:run_block", arguments, size=size, cores=cores)
 
@@ -164,7 +170,7 @@ def run_block(
     options = replace(protocol.options, eval_seed=block.eval_seed, threads=work.threads)
     train_seed = block.train_seed if any(each.learned for each in policies.values()) else UNTRAINED
     agents = make_agents(policies, protocol.release.strategy)
-    executor = Executor(protocol.skills(), agents, options, strategy=protocol.name, train_seed=train_seed)
+    executor = Executor(protocol.skills(), agents, options, place=protocol.place, train_seed=train_seed)
     episodes = load_episodes(protocol.task, protocol.split).episodes[block.first : block.last + 1]
     logs = []
     for log in executor.run(episodes):
@@ -193,6 +199,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
         **({} if protocol.options.planner == "open" else {"planner": protocol.options.planner}),
+        **({} if protocol.options.fallback == "oracle" else {"fallback": protocol.options.fallback}),
         **versions("mujoco"),
     }
 

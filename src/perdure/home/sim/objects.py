@@ -64,6 +64,9 @@ class ObjectKind(Record, frozen=True):
     mass: float
     """In [kg]."""
     shape: Literal["box", "rounded_box", "cylinder", "bowl", "sphere"]
+    axis: Literal["z", "either z", "none"]
+    """What points up when the object stands as a person would put it: the z axis of its frame ("either z": this way or
+    upside down); "none" for an object that lies as well in any attitude."""
     source: str
     """Where size and mass come from."""
     moments: Vec3

@@ -225,7 +225,7 @@ class Apartment:
     def container(self, unique_name: str) -> str | None:
         """Return the drawer or door in front of receptacle `piece|name`: a link name, None when it is in the open."""
         receptacle = self.receptacle(unique_name)
-        return receptacle.link or (FRIDGE_DOOR if self.piece(receptacle.piece).kind == "fridge" else None)
+        return receptacle.link or BEHIND_DOORS.get(receptacle.name)
 
     def surface_to_room(
         self, receptacle: Receptacle, uv: FloatArray, opened: Mapping[str, float] | None = None
@@ -253,6 +253,41 @@ class Apartment:
         return self.piece_of(link).pose.to_room(moving.to_piece(np.asarray(moving.handle), q))
 
 
+class Container(Record, frozen=True):
+    """What must be opened to get at objects: a kind of drawer, or a door such as the fridge's.
+
+    It is declared once, in `data/furniture.json`. Facts, plans and logs call it by its name.
+    """
+
+    name: str
+    links: tuple[str, ...]
+    """Its articulations; an episode uses one of them."""
+    closed: float
+    """It counts as closed up to this joint position in [m] or [rad]."""
+    opened: float
+    """It counts as open from this joint position on, in [m] or [rad]."""
+    open_skill: str
+    close_skill: str
+    start_range: tuple[float, float]
+    """Uniform range of the joint position for training starts of pick from and place into it, in [m] or [rad]."""
+    region_x: tuple[float, float]
+    """Where navigation ends that leads to reaching into it, in the frame of `front_frame`: range of x in [m]."""
+    region_half_width: float
+    """The same: largest distance to the side in [m]."""
+    receptacles: tuple[str, ...] = ()
+    """Names of the receptacles behind its door. A receptacle in a drawer names its link itself."""
+
+    @property
+    def slides(self) -> bool:
+        """Whether it is a drawer, which carries its receptacle along; else a door."""
+        return _LINK_KINDS[self.links[0]] == "slide"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its joint position."""
+        return "m" if self.slides else "rad"
+
+
 class Furniture(Record, frozen=True):
     """A kind of piece. Its receptacles carry the kind in place of the piece's name."""
 
@@ -260,6 +295,7 @@ class Furniture(Record, frozen=True):
     solids: tuple[Solid, ...]
     receptacles: tuple[Receptacle, ...] = ()
     articulations: tuple[Articulation, ...] = ()
+    containers: tuple[Container, ...] = ()
     zones: tuple[Zone, ...] = ()
 
 
@@ -273,6 +309,18 @@ FURNITURE = _DATA.pieces
 """By kind."""
 COLORS = _DATA.colors
 """Red, green, blue and alpha in [0, 1], by name."""
+CONTAINERS = {each.name: each for made in FURNITURE.values() for each in made.containers}
+"""All containers by name."""
+LINK_CONTAINERS = {link: each for each in CONTAINERS.values() for link in each.links}
+"""The container of a drawer's or door's link."""
+BEHIND_DOORS = {receptacle: each.links[0] for each in CONTAINERS.values() for receptacle in each.receptacles}
+"""The link of the door in front of a receptacle, by the receptacle's name."""
+_LINK_KINDS = {moving.link: moving.kind for made in FURNITURE.values() for moving in made.articulations}
+
+
+def container_of(link: str) -> Container:
+    """Return the container that a link belongs to; PerdureError for a drawer or door that is none."""
+    return lookup(LINK_CONTAINERS, link, "link of a container")
 
 
 def make_piece(kind: str, name: str, pose: Pose) -> Piece:

@@ -1,10 +1,11 @@
 """The skills of the benchmark: observation, reward, success, start states and recipe of each.
 
-`SKILLS` has all by name; a new skill is one more entry here. `gym` makes them Gymnasium environments, `train` trains
+`SKILLS` has all by name. A class that opens or closes a container is among them as soon as it is defined in
+`articulated`; any other new skill is one more entry here. `gym` makes them Gymnasium environments, `train` trains
 and scores policies.
 """
 
-from perdure.home.skills.articulated import CloseDrawer, CloseFridge, OpenDrawer, OpenFridge
+from perdure.home.skills.articulated import ARTICULATED, CloseDrawer, CloseFridge, OpenDrawer, OpenFridge
 from perdure.home.skills.navigate import Navigate
 from perdure.home.skills.pick import Pick, ResetArm, rest_error
 from perdure.home.skills.place import Place
@@ -12,8 +13,8 @@ from perdure.home.skills.registry import SKILLS, get_skill, learned_skills, make
 from perdure.home.skills.skill import Element, Skill, SkillProgress
 from perdure.home.skills.starts import Aim, region
 
-SKILLS.update({kind.name: kind for kind in (Pick, Place, OpenDrawer, CloseDrawer)})
-SKILLS.update({kind.name: kind for kind in (OpenFridge, CloseFridge, Navigate, ResetArm)})
+_ALL: tuple[type[Skill], ...] = (Pick, Place, *ARTICULATED.values(), Navigate, ResetArm)
+SKILLS.update({kind.name: kind for kind in _ALL})
 
 __all__ = [
     "SKILLS",

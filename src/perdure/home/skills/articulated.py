@@ -9,12 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, FloatArray
-from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.pieces import CONTAINERS, Apartment
 from perdure.home.sim.sensors import PrivilegedState, norm, turn
 from perdure.home.skills import skill as obs
 from perdure.home.skills.skill import Recipe, Skill, SkillProgress
 from perdure.home.skills.starts import (
-    DRAWER_OPEN,
     Aim,
     Rectangle,
     Start,
@@ -25,8 +24,10 @@ from perdure.home.skills.starts import (
 )
 from perdure.home.tasks.episodes import Episode
 
-DISTANCE_REWARD, JOINT_REWARD = 2.0, 2.0
-GRASP_REWARD, RELEASE_REWARD = 1.0, 1.0
+DISTANCE_REWARD = 2.0
+JOINT_REWARD = 2.0
+GRASP_REWARD = 1.0
+RELEASE_REWARD = 1.0
 RETRACTED = 0.15
 """Largest distance of a retracted gripper point from rest in [m] (M3: larger than after pick and place)."""
 HANDLE = obs.point("handle", "the handle", lambda state: state.handle)
@@ -35,6 +36,8 @@ JOINT = (
     obs.Element("joint_speed", "speed of the drawer or door", "m/s or rad/s"),
     obs.flag("holding", "the handle is held"),
 )
+ARTICULATED: dict[str, type[Articulated]] = {}
+"""The skills of this kind by name. A subclass that has a name is one as soon as it is defined."""
 FACE = obs.vector("face", "direction in which the handle faces", "xy", "1", 1.0)
 
 
@@ -73,6 +76,18 @@ class Articulated(Skill):
     """Where the robot begins, in the frame of `front_frame`; the second where the first one has no free cell (M3)."""
     navigation_region: ClassVar[Rectangle]
     """Where navigation to the skill ends, in the same frame (M3)."""
+    scripted_goal: ClassVar[float]
+    """Joint position to which the oracle brings it, in [m] or [rad] (our choice)."""
+    scripted_tolerance: ClassVar[float]
+    """Distance from it at which the oracle lets go, in [m] or [rad] (our choice)."""
+    scripted_distance: ClassVar[float]
+    """Best distance of the oracle from the handle, along the floor in [m] (our choice)."""
+
+    def __init_subclass__(cls) -> None:
+        """Add a subclass that has a name to `ARTICULATED`."""
+        super().__init_subclass__()
+        if "name" in vars(cls):
+            ARTICULATED[cls.name] = cls
 
     def is_accepted(self, position: FloatArray) -> BoolArray:
         """Return whether joint positions are accepted. Shape (n,)."""
@@ -158,7 +173,8 @@ class Articulated(Skill):
 
     def draw_start(self, episode: Episode, target: int, rng: np.random.Generator) -> Start:
         """Draw a start state in front of the handle, facing it."""
-        apartment, link = episode.apartment(), needed_container(episode, target)
+        apartment = episode.apartment()
+        link = needed_container(episode, target)
         opened = self.draw_opened(apartment, link, rng)
         frame = front_frame(apartment, link, opened.get(link, 0.0))
         base = stand_in(apartment, frame, self.start_rectangles, self.aim(episode, target, opened).point, rng)
@@ -189,11 +205,15 @@ class OpenDrawer(Articulated):
     """M3's success condition and start states (`open_drawer_v0A`), except for the other drawers, see `OTHERS_OPEN`."""
 
     name = "open_drawer"
-    wanted, accepted = 0.45, (0.45 - 0.05, 0.45 + 0.05 + STOP_YIELD)
+    wanted = 0.45
+    accepted = (0.45 - 0.05, 0.45 + 0.05 + STOP_YIELD)
     success_text = success_text("the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)")
     start_rectangles = (Rectangle((0.3, 1.5), 0.6),)
     navigation_region = Rectangle((0.80, 0.95), 0.35)
     recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+    scripted_goal = 0.45
+    scripted_tolerance = 0.02
+    scripted_distance = 0.85
 
     def draw_opened(self, apartment: Apartment, link: str, rng: np.random.Generator) -> dict[str, float]:
         """Draw the positions of the other drawers, which are not quite closed."""
@@ -207,13 +227,17 @@ class CloseDrawer(Articulated):
 
     name = "close_drawer"
     knows_front = False
-    wanted, accepted = 0.0, (-0.05, 0.05)
+    wanted = 0.0
+    accepted = (-0.05, 0.05)
     success_text = success_text("the drawer is within 0.05 m of 0")
     object_at_start = "goal"
-    start_range = DRAWER_OPEN
+    start_range = CONTAINERS["drawer"].start_range
     start_rectangles = (Rectangle((0.3, 1.0), 0.6),)
     navigation_region = Rectangle((0.30, 0.45), 0.35)
     recipe = Recipe(1_000_000)
+    scripted_goal = 0.0
+    scripted_tolerance = 0.02
+    scripted_distance = 0.5
 
 
 class Fridge(Articulated):
@@ -222,6 +246,7 @@ class Fridge(Articulated):
     start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
     navigation_region = Rectangle((0.9, 1.8), 0.5)
     recipe = Recipe(2_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.4, 0.9))
+    scripted_tolerance = 0.05
 
     def front(self, state: PrivilegedState) -> FloatArray:
         """Return the direction in which the door faces; its hinge turns to the right as it opens."""
@@ -233,8 +258,11 @@ class OpenFridge(Fridge):
     """M3's `open_fridge_v0A`, but wider open (our choice): a robot that passes a door at M3's pi/2 - 0.15 closes it."""
 
     name = "open_fridge"
-    wanted, accepted = np.pi / 2.0 + 0.3, (np.pi / 2.0 + 0.1, np.inf)
+    wanted = np.pi / 2.0 + 0.3
+    accepted = (np.pi / 2.0 + 0.1, np.inf)
     success_text = success_text("the door is at pi/2 + 0.1 rad or beyond")
+    scripted_goal = 1.8
+    scripted_distance = 0.95
 
 
 @dataclass(frozen=True)
@@ -242,9 +270,12 @@ class CloseFridge(Fridge):
     """M3's success condition (`close_fridge_v0A`)."""
 
     name = "close_fridge"
-    wanted, accepted = 0.0, (-0.15, 0.15)
+    wanted = 0.0
+    accepted = (-0.15, 0.15)
     success_text = success_text("the door is within 0.15 rad of 0")
     object_at_start = "goal"
+    scripted_goal = 0.0
+    scripted_distance = 0.9
     start_range = (np.pi / 2.0 - 0.15, 2.356)
     rewards: ClassVar = {
         **Articulated.rewards,
@@ -253,6 +284,7 @@ class CloseFridge(Fridge):
 
     def way_to_handle(self, state: PrivilegedState) -> FloatArray:
         """See `Articulated.way_to_handle`: a straight one through the door would end behind it, out of reach."""
-        away, front = state.gripper - state.handle, self.front(state)
+        away = state.gripper - state.handle
+        front = self.front(state)
         edge = PAST_EDGE * np.stack([-front[:, 1], front[:, 0], np.zeros(len(state))], axis=1)
         return np.where((away * front).sum(axis=1) < 0.0, norm(away - edge) + PAST_EDGE, norm(away))

@@ -418,7 +418,7 @@ class Skill(ABC):
         apartment = episode.apartment()
         placement = self.placement(episode, target)
         container = apartment.container(placement.receptacle)
-        opened = starts.draw_open(apartment, container, rng)
+        opened = starts.draw_open(container, rng)
         front = None
         if container is not None:
             front = starts.front_of(apartment, placement)  # our choice

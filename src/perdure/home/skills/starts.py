@@ -22,7 +22,7 @@ from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Quaternion,
 from perdure.home.sim.kinematics import gripper_pose, toward
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import FreeSpace, free_space
-from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.pieces import Apartment, Pose, container_of
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import Scene
 from perdure.home.sim.sensors import SkillGoal
@@ -251,14 +251,17 @@ OPEN_RADIUS = 0.8
 GROW_BY = 0.1
 GROW_TO = 2.0
 """In the open: radius around the point in [m], and the step and limit by which it grows until it contains a cell."""
-BEFORE_DRAWER = Rectangle((0.30, 0.45), 0.35)
-BEFORE_FRIDGE = Rectangle((1.0, 1.8), 0.5)
-"""Regions for reaching into an open container, in the frame of `front_frame`.
 
-They are those of M3 (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one difference (our choice):
-for pick and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle of the open door. So our
-robot may stop in front of the door's edge.
-"""
+
+def reaching_region(link: str) -> Rectangle:
+    """Return the region for reaching into an open container, in the frame of `front_frame`.
+
+    Those of drawers and fridge are M3's (`configs/rearrange/tasks/nav_v1*.yaml`, `sub_tasks/nav*.py`), with one
+    difference (our choice): for pick and place in the fridge M3 also keeps only cells at least 0.4 m behind the handle
+    of the open door. So our robot may stop in front of the door's edge.
+    """
+    container = container_of(link)
+    return Rectangle(container.region_x, container.region_half_width)
 
 
 @dataclass(frozen=True)
@@ -289,7 +292,7 @@ def region(apartment: Apartment, opened: Mapping[str, float], aim: Aim) -> tuple
             if inside.any():
                 return space, np.nonzero(inside)[0]
         raise PerdureError(f"no free cell within {GROW_TO} m of {np.round(aim.point, 2).tolist()}")
-    box = aim.rectangle or (BEFORE_DRAWER if is_drawer(apartment, aim.link) else BEFORE_FRIDGE)
+    box = aim.rectangle or reaching_region(aim.link)
     local = front_frame(apartment, aim.link, opened.get(aim.link, 0.0)).to_local(centers)
     inside = main & box.contains(local)
     if inside.any():
@@ -312,11 +315,6 @@ def keep_apart(goal: SkillGoal, stood: Sequence[ArrayLike]) -> SkillGoal:
     cells = np.flatnonzero(goal.route.values == 0.0)
     away = np.linalg.norm(space.centers[cells][:, None] - np.array(stood), axis=2).min(axis=1)
     return replace(goal, route=space.distances(cells[away >= min(APART, away.max())]))
-
-
-DRAWER_OPEN = (0.4, 0.5)
-FRIDGE_OPEN = (1.5, 2.35)
-"""Uniform ranges in [m] and [rad] for pick from and place into a container (M3)."""
 
 
 def needed_container(episode: Episode, target: int) -> str:
@@ -358,11 +356,11 @@ def link_number(apartment: Apartment, link: str) -> int:
     return [moving.link for moving in apartment.articulations].index(link)
 
 
-def draw_open(apartment: Apartment, link: str | None, rng: np.random.Generator) -> dict[str, float]:
-    """Draw how far a container is open for pick or place; empty for None."""
+def draw_open(link: str | None, rng: np.random.Generator) -> dict[str, float]:
+    """Draw how far a container is open for pick or place (M3's ranges); empty for None."""
     if link is None:
         return {}
-    low, high = DRAWER_OPEN if is_drawer(apartment, link) else FRIDGE_OPEN
+    low, high = container_of(link).start_range
     return {link: float(rng.uniform(low, high))}
 
 

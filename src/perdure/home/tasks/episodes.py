@@ -23,7 +23,7 @@ from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement, get_kind
 from perdure.home.sim.occupancy import CELL, apartment_footprints, free_space
-from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.pieces import CONTAINERS, Apartment, Pose
 from perdure.home.sim.scene import Scene, SceneOptions, build_scene
 from perdure.home.tasks.tasks import HomeTask, get_task
 from perdure.runs import write_atomic
@@ -94,6 +94,21 @@ class Episode:
         """Return the drawer or door one must open to get at a target: a link name, None when it lies in the open."""
         return self.apartment().container(self.objects[target].receptacle)
 
+    def container_links(self) -> dict[str, str | None]:
+        """Return the link of every container that its targets are about, by the container's name.
+
+        It is the first one in which a target starts or ends. Where there is none it is the container's only link, and
+        None where it has several.
+        """
+        apartment = self.apartment()
+        placements = (*self.objects[: len(self.goals)], *self.goals)
+        used = [apartment.container(each.receptacle) for each in placements]
+        found: dict[str, str | None] = {}
+        for name, container in CONTAINERS.items():
+            only = container.links[0] if len(container.links) == 1 else None
+            found[name] = next((link for link in used if link in container.links), only)
+        return found
+
 
 @dataclass(frozen=True)
 class EpisodeSet:
@@ -123,10 +138,12 @@ def episode_hash(episode: Episode) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-ARM_LOW = 0.6
+REST_ARM_BOTTOM = 0.6
 """Furniture that ends below this height in [m] does not meet the arm at rest."""
-ARM_FROM, ARM_TO, ARM_RADIUS = 0.10, 0.45, 0.20
-"""The arm at rest, seen from above: discs along the robot's x from 0.10 to 0.45 m (the gripper rests at 0.5 m)."""
+REST_ARM_LENGTH = (0.10, 0.45)
+"""The arm at rest, seen from above: discs along the robot's x between these in [m] (the gripper rests at 0.5 m)."""
+REST_ARM_RADIUS = 0.20
+"""Radius of these discs in [m]."""
 
 
 def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
@@ -140,18 +157,22 @@ def start_pose(apartment: Apartment, episode: Episode, seed: int) -> Pose:
     if apartment.fingerprint != episode.apartment_fingerprint:
         raise PerdureError(f"{episode.name} does not play in {apartment.name} {apartment.fingerprint}")
     space = free_space(apartment, episode.opened)
-    tall = apartment_footprints(apartment, episode.opened, low=ARM_LOW)
+    tall = apartment_footprints(apartment, episode.opened, low=REST_ARM_BOTTOM)
     digest = hashlib.sha256(episode.name.encode()).digest()
     rng = np.random.Generator(np.random.PCG64([seed, *digest[:8]]))
-    low, high = np.min(apartment.room, axis=0), np.max(apartment.room, axis=0)
+    low = np.min(apartment.room, axis=0)
+    high = np.max(apartment.room, axis=0)
     while True:
         across, along, turn = rng.random(3)
         point = low + (across, along) * (high - low)
         pose = Pose(float(point[0]), float(point[1]), 2.0 * math.pi * float(turn))
         if not space.is_free(point[None])[0]:
             continue
-        discs = pose.to_room(np.stack([np.linspace(ARM_FROM, ARM_TO, 8), np.zeros(8)], axis=-1))
-        if occupancy.clearance(discs, tall).min() < ARM_RADIUS or not occupancy.inside(discs, apartment.room).all():
+        discs = pose.to_room(np.stack([np.linspace(*REST_ARM_LENGTH, 8), np.zeros(8)], axis=-1))
+        if (
+            occupancy.clearance(discs, tall).min() < REST_ARM_RADIUS
+            or not occupancy.inside(discs, apartment.room).all()
+        ):
             continue
         if space.nearest(point[None])[1][0] <= CELL:
             return pose
@@ -170,6 +191,18 @@ def episode_scene(episode: Episode, options: SceneOptions = SceneOptions()) -> S
 
 DATA = Path(__file__).parents[1] / "data" / "episodes"
 """Where the published episodes are."""
+PUBLISHED = ("val", "eval", "eval-2")
+"""The splits that are published; training draws its own episodes."""
+
+
+def episode_file(task: str, split: str) -> str:
+    """Return the name of the file of published episodes."""
+    return f"{task}_{split}.json"
+
+
+def published_splits(task: str) -> tuple[str, ...]:
+    """Return the splits of a task that are published: none for a task whose episodes are yet to be made."""
+    return tuple(split for split in PUBLISHED if (DATA / episode_file(task, split)).exists())
 
 
 @cache
@@ -180,8 +213,14 @@ def load_episodes(task: str, split: str) -> EpisodeSet:
         PerdureError: If there is no such task, or no episodes of that split are published.
     """
     get_task(task)
-    published = {path.stem.removeprefix(f"{task}_"): path for path in sorted(DATA.glob(f"{task}_*.json"))[::-1]}
-    return read_episodes(lookup(published, split, f"published split of {task}"))
+    published = published_splits(task)
+    if not published:
+        raise PerdureError(
+            f"no episodes of {task} are published, so there is no split {split!r}: tools/publish_episodes.py in "
+            "perdure's repository makes them"
+        )
+    lookup(dict.fromkeys(published), split, f"published split of {task}")
+    return read_episodes(DATA / episode_file(task, split))
 
 
 def read_episodes(path: str | Path) -> EpisodeSet:
@@ -295,9 +334,12 @@ def _from_json(content: Content) -> EpisodeSet:
             for kind, x, y, z, qw, qx, qy, qz, receptacle in rows
         )
 
-    where = content.task, content.split
     episodes = []
     for row in content.episodes:
-        (macro, micro, home), objects, goals = row.apartment, placements(row.objects), placements(row.goals)
-        episodes.append(Episode(*where, row.index, macro, micro, home, row.opened, objects, goals))
-    return EpisodeSet(*where, content.made_with, tuple(episodes))
+        macro, micro, fingerprint = row.apartment
+        objects = placements(row.objects)
+        goals = placements(row.goals)
+        episodes.append(
+            Episode(content.task, content.split, row.index, macro, micro, fingerprint, row.opened, objects, goals)
+        )
+    return EpisodeSet(content.task, content.split, content.made_with, tuple(episodes))

@@ -62,7 +62,8 @@ def generate_episode(
 
     `refused` is called with the reason whenever a draw is rejected.
     """
-    home_task, home = get_task(task), make_apartment(*apartment)
+    home_task = get_task(task)
+    home = make_apartment(*apartment)
     rng = np.random.Generator(np.random.PCG64([seed, list(TASKS).index(task), *apartment, index]))
     for _ in range(_EPISODES):
         drawn = _draw(home_task, home, rng)
@@ -80,17 +81,19 @@ def _draw(
     surfaces = Surfaces(apartment, space)
     starts = [_any_of(apartment, target.start, rng) for target in task.targets]
     ends = [_any_of(apartment, target.goal, rng) for target in task.targets]
-    if (objects := _draw_objects(task, surfaces, starts, rng)) is None:
+    drawn = _draw_objects(task, surfaces, starts, rng)
+    if drawn is None:
         return "no room for the objects"
-    objects, moved, _ = settle(apartment, dict(task.opened), objects)
-    if (moved > MOVED).any():
+    objects, moved, _ = settle(apartment, dict(task.opened), drawn)
+    if (moved > MOST_SETTLING).any():
         return "an object was not stable"
     after = Surfaces(apartment, space)
     for placement in objects:
         after.add(placement)
     goals = []
     for target, rule, end in zip(objects, task.targets, ends, strict=False):
-        if (goal := after.draw(target.kind, end, rng, rule.goal.ratio, lift=0.0)) is None:
+        goal = after.draw(target.kind, end, rng, rule.goal.ratio, lift=0.0)
+        if goal is None:
             return "no room for a goal"
         if np.linalg.norm(np.subtract(goal.position, target.position)) < APART:
             return "a goal is too close to its start"
@@ -107,7 +110,8 @@ def _draw_objects(
     rules += [(rule, None) for number, rule in task.clutter for _ in range(number)]
     objects = []
     for rule, fixed in rules:
-        if (placement := _draw_object(surfaces, rule, fixed, rng)) is None:
+        placement = _draw_object(surfaces, rule, fixed, rng)
+        if placement is None:
             return None
         surfaces.add(placement)
         objects.append(placement)
@@ -120,7 +124,8 @@ def _draw_object(
     for _ in range(PAIRINGS):
         kind = rule.objects[int(len(rule.objects) * rng.random())]
         receptacle = fixed or _any_of(surfaces.apartment, rule, rng)
-        if (placement := surfaces.draw(kind, receptacle, rng, rule.ratio, anywhere=fixed is None)) is not None:
+        placement = surfaces.draw(kind, receptacle, rng, rule.ratio, anywhere=fixed is None)
+        if placement is not None:
             return placement
     return None
 
@@ -202,7 +207,7 @@ class Surfaces:
 
 SECONDS = 5.0
 """Time to settle in [s] (habitat-lab, `rearrange_generator.py`)."""
-MOVED = 0.1
+MOST_SETTLING = 0.1
 """An object that moved farther than this in [m] was not stable (the same)."""
 TIMESTEP = 1.0 / 240.0
 """Physics step in [s]."""

@@ -2,13 +2,13 @@
 
 Open loop: the task's plan, whatever happens. Closed loop: after each skill the symbolic state is read and the rest is
 planned again in the same PDDL domain. It reads four things that a robot would have to perceive: where the targets are
-(in their goals, in a container, elsewhere), how far drawer and fridge are open, what the hand holds, and whether the
+(in their goals, in a container, elsewhere), how far each container is open, what the hand holds, and whether the
 last skill succeeded. The simulator tells them without error.
 
-A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted.
-Every skill has `ATTEMPTS` attempts with a target, the last one scripted, so no recovery goes on for ever; then the
-target is given up and the others are brought. The end of the plan is not the end: whoever asks again later is told what
-has rolled away since.
+A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted,
+unless the fallback is "none". Every skill has `ATTEMPTS` attempts with a target, the last one scripted, so no recovery
+goes on for ever; then the target is given up and the others are brought. The end of the plan is not the end: whoever
+asks again later is told what has rolled away since.
 """
 
 from __future__ import annotations
@@ -20,28 +20,44 @@ from typing import Literal
 
 import numpy as np
 
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS, container_of
+from perdure.home.tasks.domain import ELSEWHERE
 from perdure.home.tasks.episodes import Episode
-from perdure.home.tasks.planning import SWITCHES, Action, Container, PlanProblem, make_plan, plan_problem, solve
-from perdure.home.tasks.tasks import NOTHING, HomeTask, SkillStep, WorldFacts, at
+from perdure.home.tasks.planning import ContainerState, PlannedSkill, PlanProblem, make_plan, plan_problem, solve
+from perdure.home.tasks.tasks import (
+    NOTHING,
+    SKILL_CONTAINERS,
+    SKILL_VERBS,
+    HomeTask,
+    SkillStep,
+    Verb,
+    WorldFacts,
+    at,
+    container_position,
+)
 
 PlannerName = Literal["open", "closed"]
-LEARNED, ATTEMPTS = 3, 5
-"""Failures of a skill with a target after which it is scripted, and attempts in all (our choice)."""
+FallbackName = Literal["oracle", "none"]
+"""Who acts after `LEARNED` failures of a skill: "oracle", or "none": the policy goes on until its attempts are over."""
+LEARNED = 3
+"""Failures of a skill with a target after which it is scripted (our choice)."""
+ATTEMPTS = 5
+"""Attempts of a skill with a target in all (our choice)."""
 WAYS = 2
 """Failed navigations to an attempt after which it begins wherever the robot stands (our choice)."""
-BESIDE, BELOW = 0.1, 0.1
-"""Margins in [m] around a receptacle in which an object still lies in it."""
-MOVED = 0.1
-"""An object farther than this in [m] from its start has moved."""
+MARGIN = 0.1
+"""Distance in [m] beside and below a receptacle at which an object still lies in it."""
+NOT_AT_START = 0.1
+"""The planner looks for an object again that is farther than this in [m] from its start."""
 
 
 class Planner:
     """Open loop: the plan of the task, whatever happens. Other planners inherit."""
 
-    def __init__(self, episode: Episode) -> None:
-        """Begin at the start of an episode."""
-        self._episode, self._steps = episode, iter(make_plan(episode.home_task))
+    def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
+        """Begin at the start of an episode; without a planner that looks there is no fallback."""
+        self._episode = episode
+        self._steps = iter(make_plan(episode.home_task))
 
     def next(self, facts: WorldFacts, succeeded: bool = True) -> SkillStep | None:
         """Return the next step, None when the plan is done.
@@ -58,28 +74,28 @@ class Planner:
 class ClosedLoop(Planner):
     """Plans again after each skill."""
 
-    def __init__(self, episode: Episode) -> None:
+    def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
         """Begin at the start of an episode."""
-        super().__init__(episode)
+        super().__init__(episode, fallback)
+        self._fallback = fallback
         self._problem = replace(plan_problem(episode), name=episode.task)
-        self._attempts, self._given_up = Counter[tuple[str, int]](), set[int]()
+        self._attempts = Counter[tuple[str, int]]()
+        self._given_up = set[int]()
         self._failures = Counter[SkillStep]()
         """Of a skill with a target (attempt 0), and of the navigations to each of its attempts."""
-        self._last: tuple[SkillStep, Action] | None = None
+        self._last: tuple[SkillStep, PlannedSkill] | None = None
         """The step that `reset_arm` follows next."""
-        self._robot_at = PlanProblem.robot_at
+        self._robot_at = ELSEWHERE
 
     def next(self, facts: WorldFacts, succeeded: bool = True) -> SkillStep | None:
         """See `Planner.next`; `reset_arm` follows every skill."""
         if self._last is not None:
-            (step, action), self._last = self._last, None
-            key = step if step.toward else SkillStep(step.skill, step.target, attempt=0)
-            self._failures[key] += not succeeded
-            there = [fact[1] for fact in action.adds if fact[0] == "robot_at"]
-            known = succeeded or (step.toward is not None and self._failures[step] >= WAYS)
-            self._robot_at = next(iter(there), self._robot_at) if known else PlanProblem.robot_at
-            return SkillStep("reset_arm", step.target)
-        if (chosen := self._choose(facts)) is None:
+            step, planned = self._last
+            self._last = None
+            self._note(step, planned, succeeded)
+            return SkillStep(Verb.RESET_ARM.value, step.target)
+        chosen = self._choose(facts)
+        if chosen is None:
             return None
         first, acting = chosen
         attempt = self._attempts[acting.skill, acting.target] + 1
@@ -87,19 +103,29 @@ class ClosedLoop(Planner):
         if toward is None:
             self._attempts[first.skill, first.target] = attempt
         failed = self._failures[SkillStep(acting.skill, acting.target, attempt=0)]
-        scripted = failed >= LEARNED or attempt == ATTEMPTS
-        self._last = SkillStep(first.skill, first.target, toward, attempt, scripted), first
-        return self._last[0]
+        scripted = self._fallback == "oracle" and (failed >= LEARNED or attempt == ATTEMPTS)
+        step = SkillStep(first.skill, first.target, toward, attempt, scripted)
+        self._last = (step, first)
+        return step
 
-    def _choose(self, facts: WorldFacts) -> tuple[Action, Action] | None:
-        """Return the next action and the first one that is no navigation; None when nothing is left to do."""
+    def _note(self, step: SkillStep, planned: PlannedSkill, succeeded: bool) -> None:
+        """Count a failure of the last step, and remember where the robot stands after it, if that is known."""
+        key = step if step.toward else SkillStep(step.skill, step.target, attempt=0)
+        self._failures[key] += not succeeded
+        if succeeded or (step.toward is not None and self._failures[step] >= WAYS):
+            self._robot_at = planned.robot_at or self._robot_at
+        else:
+            self._robot_at = ELSEWHERE
+
+    def _choose(self, facts: WorldFacts) -> tuple[PlannedSkill, PlannedSkill] | None:
+        """Return the next skill and the first one that is no navigation; None when nothing is left to do."""
         while plan := solve(self._now(facts)):
-            acting = next(action for action in plan if action.skill != "navigate")
+            acting = next(each for each in plan if each.skill != Verb.NAVIGATE)
             if self._attempts[acting.skill, acting.target] < ATTEMPTS:
                 return plan[0], acting
-            if acting.skill.startswith("close"):
-                door = f"(closed {acting.name[2]})"
-                self._problem = replace(self._problem, final=tuple(f for f in self._problem.final if f != door))
+            if SKILL_VERBS.get(acting.skill) == Verb.CLOSE:
+                still_wanted = [fact for fact in self._problem.final if fact != ("closed", acting.link)]
+                self._problem = replace(self._problem, final=tuple(still_wanted))
             elif acting.target in self._given_up:
                 break
             else:
@@ -108,18 +134,22 @@ class ClosedLoop(Planner):
 
     def _now(self, facts: WorldFacts) -> PlanProblem:
         """Return the planning problem from the state as it is."""
-        problem, held, targets = self._problem, int(facts.held), range(facts.targets)
+        problem = self._problem
+        held = int(facts.held)
+        targets = range(facts.targets)
+        # Where the targets are: the link of a container, None in the open or in the hand.
         placed = {i for i in targets if at(facts)[i] and i != held} | self._given_up
-        links = [None if i == held else find_container(self._episode, i, facts) for i in targets]
-        ends = [None if end is None else end.name for end in problem.ends]
-        bring = [i for i in targets if i not in placed and held == NOTHING]  # a full hand opens nothing
-        needed = {name for i in bring for name in (links[i], ends[i])}
-        now = {each.name: _seen(each, facts, each.name in needed) for each in problem.containers}
+        inside = [None if i == held else find_container(self._episode, i, facts) for i in targets]
+        ends = [None if end is None else end.link for end in problem.ends]
+        # Which containers must be open: a full hand opens nothing.
+        bring = [i for i in targets if i not in placed and held == NOTHING]
+        needed = {link for i in bring for link in (inside[i], ends[i])}
+        now = {each.link: _seen(each, facts, each.link in needed) for each in problem.containers}
         return replace(
             problem,
-            starts=tuple(None if each is None else now[each.name] for each in problem.starts),
-            ends=tuple(now.get(name or "") for name in ends),
-            inside=tuple(now.get(link or "") for link in links),
+            starts=tuple(None if each is None else now[each.link] for each in problem.starts),
+            ends=tuple(now.get(link or "") for link in ends),
+            inside=tuple(now.get(link or "") for link in inside),
             placed=frozenset(placed),
             held=held,
             robot_at=self._robot_at,
@@ -127,40 +157,53 @@ class ClosedLoop(Planner):
 
     def seen(self, facts: WorldFacts, step: SkillStep) -> Episode:
         """Return the episode with an object to pick where it lies, and the target of a door behind it."""
-        episode, target, skill = self._episode, step.target, step.toward or step.skill
-        placement = start = episode.objects[target]
-        start_in, kind = self._problem.starts[target], skill.partition("_")[2]
+        episode = self._episode
+        target = step.target
+        skill = step.toward or step.skill
+        start = episode.objects[target]
+        placement = start
         x, y, z = map(float, facts.object_positions[target])
-        if skill == "pick" and math.dist((x, y, z), start.position) > MOVED:
-            home, link = episode.apartment(), find_container(episode, target, facts)
-            there = [each for each in home.receptacles if home.container(each.unique_name) == link]
-            middles = np.array([home.surface_to_room(each, np.zeros(2)) for each in there])
-            nearest = there[int(np.linalg.norm(middles - (x, y, z), axis=1).argmin())]
-            placement = replace(start, position=(x, y, z), receptacle=nearest.unique_name)
-        elif kind in SWITCHES and (start_in is None or start_in.kind != kind):
-            placement = replace(start, receptacle=episode.goals[target].receptacle)
+        if skill == Verb.PICK and math.dist((x, y, z), start.position) > NOT_AT_START:
+            nearest = _nearest_receptacle(episode, find_container(episode, target, facts), (x, y, z))
+            placement = replace(start, position=(x, y, z), receptacle=nearest)
+        elif skill in SKILL_CONTAINERS:
+            start_in = self._problem.starts[target]
+            if start_in is None or start_in.container != SKILL_CONTAINERS[skill]:
+                placement = replace(start, receptacle=episode.goals[target].receptacle)
         return replace(episode, objects=(*episode.objects[:target], placement, *episode.objects[target + 1 :]))
 
 
-def _seen(container: Container, facts: WorldFacts, needed: bool) -> Container:
+def _nearest_receptacle(episode: Episode, link: str | None, point: tuple[float, float, float]) -> str:
+    """Return the nearest receptacle in a container, in the open when None, by its unique name."""
+    home = episode.apartment()
+    there = [each for each in home.receptacles if home.container(each.unique_name) == link]
+    middles = np.array([home.surface_to_room(each, np.zeros(2)) for each in there])
+    nearest = int(np.linalg.norm(middles - point, axis=1).argmin())
+    return there[nearest].unique_name
+
+
+def _seen(state: ContainerState, facts: WorldFacts, needed: bool) -> ContainerState:
     """Return a container as it stands; one that is neither open nor closed counts as what must be changed."""
-    closed, opened = SWITCHES[container.kind]
-    position = float(facts.fridge if container.kind == "fridge" else facts.drawer)
-    return replace(container, is_open=position >= opened or (position > closed and not needed))
+    container = CONTAINERS[state.container]
+    position = float(container_position(facts, state.container))
+    return replace(state, is_open=position >= container.opened or (position > container.closed and not needed))
 
 
 def find_container(episode: Episode, target: int, facts: WorldFacts) -> str | None:
     """Return the drawer or door behind which a target lies, a link name; None in the open."""
-    apartment, point = episode.apartment(), np.asarray(facts.object_positions[target])
+    apartment = episode.apartment()
+    point = np.asarray(facts.object_positions[target])
     for name in (episode.objects[target].receptacle, episode.goals[target].receptacle):
-        receptacle, link = apartment.receptacle(name), apartment.container(name)
+        receptacle = apartment.receptacle(name)
+        link = apartment.container(name)
         if link is None:
             continue
-        opened = {link: float(facts.fridge if link == FRIDGE_DOOR else facts.drawer)}
+        container = container_of(link)
+        opened = {link: float(container_position(facts, container.name))}
         pose = apartment.piece(receptacle.piece).pose
         away = pose.to_local(point) - pose.to_local(apartment.surface_to_room(receptacle, np.zeros(2), opened))
-        level = link == FRIDGE_DOOR or -BELOW < away[2] < receptacle.headroom  # any shelf of the fridge will do
-        if level and (np.abs(away[:2]) < np.asarray(receptacle.half) + BESIDE).all():
+        level = not container.slides or -MARGIN < away[2] < receptacle.headroom  # any shelf behind a door will do
+        if level and (np.abs(away[:2]) < np.asarray(receptacle.half) + MARGIN).all():
             return link
     return None
 
@@ -170,5 +213,7 @@ PLANNERS: dict[str, type[Planner]] = {"open": Planner, "closed": ClosedLoop}
 
 def needed_skills(task: HomeTask, planner: PlannerName) -> tuple[str, ...]:
     """Return the skills that a planner may choose; a closed loop also opens the task's containers."""
-    kinds = [each.kind for each in plan_problem(task).containers] if planner != "open" else []
-    return tuple(dict.fromkeys([*(step.skill for step in make_plan(task)), *(f"open_{kind}" for kind in kinds)]))
+    skills = [step.skill for step in make_plan(task)]
+    if planner != "open":
+        skills += [CONTAINERS[each.container].open_skill for each in plan_problem(task).containers]
+    return tuple(dict.fromkeys(skills))

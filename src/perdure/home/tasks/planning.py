@@ -1,34 +1,24 @@
-"""Plans: a planning problem in PDDL, and a shortest plan by breadth-first search.
-
-The search reads the `:strips` and `:typing` part of PDDL (McDermott et al., 1998). The benchmark's problems have a few
-hundred ground actions, so nothing more is needed. Their shortest plans are unique (the tests count them), so it does
-not matter in which order the search looks at actions.
-"""
+"""Plans: the planning problem of a task or an episode, and the skills of its shortest plan."""
 
 from __future__ import annotations
 
-import re
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.resources import files
-from itertools import pairwise, product
-from typing import Any, Literal
+from functools import lru_cache
+from itertools import pairwise
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.objects import Placement
-from perdure.home.sim.pieces import FRIDGE_DOOR, Apartment
+from perdure.home.sim.pieces import Apartment, container_of
+from perdure.home.tasks.domain import ELSEWHERE, HOME, IN_THE_OPEN, NEXT_TARGET
 from perdure.home.tasks.episodes import Episode
+from perdure.home.tasks.strips import Action, Fact, Typed, fact_text, ground
 from perdure.home.tasks.tasks import (
-    DRAWER_CLOSED,
-    DRAWER_OPEN,
-    FRIDGE_CLOSED,
-    FRIDGE_OPENED,
     NOTHING,
-    SOMETHING_ELSE,
+    SKILL_CONTAINERS,
     HomeTask,
+    SkillName,
     SkillStep,
     get_task,
     with_resets,
@@ -42,45 +32,72 @@ def make_plan(task: HomeTask | Episode | str) -> tuple[SkillStep, ...]:
     Raises:
         PerdureError: If the task cannot be solved, or cannot be put as a planning problem (see `plan_problem`).
     """
-    home_task = get_task(task) if isinstance(task, str) else task.home_task if isinstance(task, Episode) else task
+    home_task = task_of(task)
     if home_task.sequence:
         return home_task.sequence
     problem = plan_problem(task)
-    if (actions := solve(problem)) is None:
-        raise PerdureError(f"no plan solves {problem.name}: no sequence of skills ends with {' '.join(problem.final)}")
-    return with_resets(*((action.skill, action.target) for action in actions))
+    plan = solve(problem)
+    if plan is None:
+        final = " ".join(fact_text(fact) for fact in problem.final)
+        raise PerdureError(f"no plan solves {problem.name}: no sequence of skills ends with {final}")
+    return with_resets(*((each.skill, each.target) for each in plan))
 
 
-@lru_cache(maxsize=4096)
-def solve(problem: PlanProblem) -> tuple[Action, ...] | None:
-    """Return the skills of a shortest plan, None when there is no plan."""
-    actions = read_strips(domain_pddl(), problem.pddl).shortest_plan()
-    return None if actions is None else tuple(each for each in actions if each.skill != "next_target")
-
-
-@cache
-def domain_pddl() -> str:
-    """Return the planning domain as PDDL text: predicates and actions shared by all tasks."""
-    return files(__package__).joinpath("domain.pddl").read_text(encoding="utf-8")
-
-
-Kind = Literal["drawer", "fridge"]
-SWITCHES: dict[Kind, tuple[float, float]] = {
-    "drawer": (DRAWER_CLOSED, DRAWER_OPEN),
-    "fridge": (FRIDGE_CLOSED, FRIDGE_OPENED),
-}
-"""Closed up to the first joint position, open from the second one on."""
-_SOME_DRAWER = "some_drawer"
+def task_of(task: HomeTask | Episode | str) -> HomeTask:
+    """Return a task from itself, its name or one of its episodes."""
+    if isinstance(task, Episode):
+        return task.home_task
+    return get_task(task) if isinstance(task, str) else task
 
 
 @dataclass(frozen=True)
-class Container:
-    """A drawer or the fridge."""
+class PlannedSkill:
+    """A skill of a plan."""
 
-    name: str
+    skill: SkillName
+    target: int
+    """Number of the target it is about."""
+    link: str | None
+    """The drawer or door that it opens or closes."""
+    robot_at: str | None
+    """The landmark at which the robot stands after it; None when it stands where it stood."""
+
+
+@lru_cache(maxsize=4096)
+def solve(problem: PlanProblem) -> tuple[PlannedSkill, ...] | None:
+    """Return the skills of a shortest plan, None when there is no plan."""
+    actions = ground(HOME, problem.objects, frozenset(problem.start), frozenset(problem.final)).shortest_plan()
+    if actions is None:
+        return None
+    numbers = {target_name(i): i for i in range(len(problem.starts))}
+    return tuple(_planned(action, numbers) for action in actions if action.name != NEXT_TARGET)
+
+
+def _planned(action: Action, numbers: Mapping[str, int]) -> PlannedSkill:
+    link = action.arguments[1] if action.name in SKILL_CONTAINERS else None
+    robot_at = next((fact[1] for fact in action.adds if fact[0] == "robot_at"), None)
+    return PlannedSkill(action.name, numbers[action.arguments[0]], link, robot_at)
+
+
+def target_name(number: int) -> str:
+    """Return a target's name in planning problems."""
+    return f"target_{number}"
+
+
+@dataclass(frozen=True)
+class ContainerState:
+    """A drawer or door of a planning problem."""
+
+    link: str
     """Its link, such as `drawer2_top`; `some_drawer` where only an episode says which one."""
-    kind: Kind
+    container: str
+    """What it is: a key of `CONTAINERS`."""
     is_open: bool
+
+    @property
+    def fact(self) -> Fact:
+        """Whether it is open, as a fact of the domain."""
+        return ("open" if self.is_open else "closed", self.link)
 
 
 @dataclass(frozen=True)
@@ -88,49 +105,70 @@ class PlanProblem:
     """One planning problem; `None` instead of a container means in the open."""
 
     name: str
-    starts: tuple[Container | None, ...]
+    starts: tuple[ContainerState | None, ...]
     """Container of each target at the start."""
-    ends: tuple[Container | None, ...]
+    ends: tuple[ContainerState | None, ...]
     """Container of each target's goal."""
-    final: tuple[str, ...]
+    final: tuple[Fact, ...]
     """The goal, as facts of the domain."""
-    inside: tuple[Container | None, ...]
+    inside: tuple[ContainerState | None, ...]
     """Container of each target now."""
     placed: frozenset[int] = frozenset()
     """Targets at their goals."""
     held: int = NOTHING
     """Number of the target in the hand, NOTHING or SOMETHING_ELSE. Its turn is the first."""
-    robot_at: str = "elsewhere"
-    """The landmark where the robot stands; `elsewhere` for none."""
+    robot_at: str = ELSEWHERE
+    """The landmark where the robot stands."""
 
     @property
-    def containers(self) -> tuple[Container, ...]:
+    def containers(self) -> tuple[ContainerState, ...]:
         """All containers, each once, in the order in which the targets need them."""
         pairs = zip(self.starts, self.ends, strict=True)
         return tuple(dict.fromkeys(c for pair in pairs for c in pair if c is not None))
 
     @property
-    def pddl(self) -> str:
-        """The problem as PDDL text."""
-        count = len(self.starts)
-        order = sorted(range(count), key=lambda i: i != self.held)
-        hand = {NOTHING: ["(hand_empty)"], SOMETHING_ELSE: []}.get(self.held, [f"(holding target_{self.held})"])
-        objects = [f"target_{i} - target goal_{i} - goal" for i in range(count)]
-        objects += [f"{c.name} - {c.kind}" for c in self.containers]
-        facts = [f"(robot_at {self.robot_at})", *hand, "(open in_the_open)", f"(turn target_{order[0]})"]
-        facts += [f"(next target_{i} target_{k})" for i, k in pairwise(order)]
-        facts += [f"(at_goal target_{i})" for i in sorted(self.placed)]
-        facts += [f"({'open' if c.is_open else 'closed'} {c.name})" for c in self.containers]
-        for i, (start, end) in enumerate(zip(self.starts, self.ends, strict=True)):
-            inside, where = ("in_the_open" if each is None else each.name for each in (self.inside[i], end))
-            facts += [f"(in target_{i} {inside})"] if i != self.held else []
-            facts.append(f"(goal_of goal_{i} target_{i} {where})")
-            landmarks = [f"target_{i}", f"goal_{i}", *dict.fromkeys(c.name for c in (start, end) if c is not None)]
-            facts += [f"(concerns {landmark} target_{i})" for landmark in landmarks]
-        name = re.sub(r"\W", "_", f"plan {self.name}", flags=re.ASCII)
-        sections = [("objects", objects), ("init", facts), ("goal (and", [*self.final, ")"])]
-        body = "".join("\n    ".join([f"  (:{title}", *rows]) + ")\n" for title, rows in sections)
-        return f"(define (problem {name})\n  (:domain home)\n{body})\n"
+    def objects(self) -> Typed:
+        """All objects of the problem with their types."""
+        found = []
+        for i in range(len(self.starts)):
+            found += [(target_name(i), "target"), (_goal_name(i), "goal")]
+        return (*found, *((each.link, each.container) for each in self.containers))
+
+    @property
+    def start(self) -> tuple[Fact, ...]:
+        """All facts that are true now."""
+        order = sorted(range(len(self.starts)), key=lambda i: i != self.held)
+        facts: list[Fact] = [("robot_at", self.robot_at)]
+        if self.held == NOTHING:
+            facts.append(("hand_empty",))
+        elif self.held >= 0:
+            facts.append(("holding", target_name(self.held)))
+        facts += [("open", IN_THE_OPEN), ("turn", target_name(order[0]))]
+        facts += [("next", target_name(i), target_name(k)) for i, k in pairwise(order)]
+        facts += [("at_goal", target_name(i)) for i in sorted(self.placed)]
+        facts += [each.fact for each in self.containers]
+        for i in range(len(self.starts)):
+            facts += self._target_facts(i)
+        return tuple(facts)
+
+    def _target_facts(self, i: int) -> Iterator[Fact]:
+        """Yield where a target is and belongs, and the landmarks to which handling it may lead."""
+        target = target_name(i)
+        goal = _goal_name(i)
+        if i != self.held:
+            yield ("in", target, _holder(self.inside[i]))
+        yield ("goal_of", goal, target, _holder(self.ends[i]))
+        containers = [each.link for each in (self.starts[i], self.ends[i]) if each is not None]
+        for landmark in dict.fromkeys([target, goal, *containers]):
+            yield ("concerns", landmark, target)
+
+
+def _goal_name(number: int) -> str:
+    return f"goal_{number}"
+
+
+def _holder(container: ContainerState | None) -> str:
+    return IN_THE_OPEN if container is None else container.link
 
 
 def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
@@ -140,21 +178,29 @@ def plan_problem(task: HomeTask | Episode | str) -> PlanProblem:
         PerdureError: For an unknown task, one without targets, a door that is neither open nor closed at the start, a
             target that may lie in containers of different kinds, or a condition about a container no target is in.
     """
+    home_task = task_of(task)
     if isinstance(task, Episode):
-        home_task, opened, name = task.home_task, task.opened, task.name
-        starts, ends = _receptacles(task.objects[: len(task.goals)]), _receptacles(task.goals)
+        name = task.name
+        opened = task.opened
+        starts = _receptacles(task.objects[: len(task.goals)])
+        ends = _receptacles(task.goals)
     else:
-        home_task = get_task(task) if isinstance(task, str) else task
-        opened, name = home_task.opened, home_task.name
+        name = home_task.name
+        opened = home_task.opened
         starts = [rule.start.receptacles for rule in home_task.targets]
         ends = [rule.goal.receptacles for rule in home_task.targets]
     if not starts:
         raise PerdureError(f"{name} has no targets: there is nothing to plan")
-    apartment = make_apartment(0, 0)  # any one: counter and fridge have the same drawers, door and names in all
-    inside = [tuple(_container(apartment, names, opened, name) for names in side) for side in (starts, ends)]
-    if sum(container is not None and container.name == _SOME_DRAWER for side in inside for container in side) > 1:
-        raise PerdureError(f"several targets of {name} are in one drawer or another: ask for the plan of an episode")
-    return PlanProblem(name, inside[0], inside[1], _final(home_task, (*inside[0], *inside[1])), inside[0])
+    apartment = make_apartment(0, 0)  # any one: all have the same containers, with the same names
+    first = tuple(_container(apartment, names, opened, name) for names in starts)
+    last = tuple(_container(apartment, names, opened, name) for names in ends)
+    found = [each for each in (*first, *last) if each is not None]
+    for kind in {each.container for each in found}:
+        if [each.link for each in found].count(_some(kind)) > 1:
+            raise PerdureError(
+                f"several targets of {name} are in one {kind} or another: ask for the plan of an episode"
+            )
+    return PlanProblem(name, first, last, _final(home_task, found), first)
 
 
 def _receptacles(placements: Iterable[Placement]) -> list[tuple[str, ...]]:
@@ -162,13 +208,18 @@ def _receptacles(placements: Iterable[Placement]) -> list[tuple[str, ...]]:
     return [(placement.receptacle.split("|")[-1],) for placement in placements]
 
 
+def _some(container: str) -> str:
+    """Return the name of a container's link that only an episode knows."""
+    return f"some_{container}"
+
+
 def _container(
     apartment: Apartment, receptacles: Iterable[str], opened: Mapping[str, float], name: str
-) -> Container | None:
+) -> ContainerState | None:
     """Return the container that must be opened to reach any of these receptacles."""
     found = {apartment.container(apartment.receptacles_named(each)[0].unique_name) for each in receptacles}
     links = sorted(link or "" for link in found)
-    kinds = {_kind(link) for link in found}
+    kinds = {None if link is None else container_of(link).name for link in found}
     states = {_is_open(link, opened.get(link, 0.0), name) for link in found if link}
     if len(kinds) != 1 or len(states) > 1:
         raise PerdureError(
@@ -178,173 +229,32 @@ def _container(
     (kind,) = kinds
     if kind is None:
         return None
-    return Container(links[0] if len(links) == 1 else _SOME_DRAWER, kind, states == {True})
-
-
-def _kind(link: str | None) -> Kind | None:
-    return None if link is None else "fridge" if link == FRIDGE_DOOR else "drawer"
+    return ContainerState(links[0] if len(links) == 1 else _some(kind), kind, states == {True})
 
 
 def _is_open(link: str, position: float, name: str) -> bool:
-    closed, opened = SWITCHES[_kind(link) or "drawer"]
-    if closed < position < opened:
+    container = container_of(link)
+    if container.closed < position < container.opened:
         raise PerdureError(
-            f"{link} of {name} stands at {position:g}, neither closed (up to {closed:g}) nor open (from {opened:g} "
-            "on): a plan starts from doors that are one or the other"
+            f"{link} of {name} stands at {position:g}, neither closed (up to {container.closed:g}) nor open (from "
+            f"{container.opened:g} on): a plan starts from doors that are one or the other"
         )
-    return position >= opened
+    return position >= container.opened
 
 
-def _final(task: HomeTask, containers: Iterable[Container | None]) -> tuple[str, ...]:
+def _final(task: HomeTask, containers: Sequence[ContainerState]) -> tuple[Fact, ...]:
     """Return all targets at their goals, the hand empty, and what the task's last stage asks for."""
-    facts = [f"(at_goal target_{i})" for i in range(len(task.targets))] + ["(hand_empty)"]
-    known = [container for container in dict.fromkeys(containers) if container is not None]
+    facts: list[Fact] = [("at_goal", target_name(i)) for i in range(len(task.targets))]
+    facts.append(("hand_empty",))
     for condition in task.stages[-1].conditions if task.stages else ():
-        state, _, kind = condition.name.partition("_")
-        if condition.name == "holding":
-            facts.append(f"(holding target_{condition.target})")
-        if state not in ("opened", "closed"):
+        if condition.name == "holding" and condition.target is not None:
+            facts.append(("holding", target_name(condition.target)))
+        if condition.container is None:
             continue
-        matching = [container for container in known if container.kind == kind]
-        if not matching:
-            raise PerdureError(f"{task.name} ends with {condition}, but none of its targets is in a {kind}")
-        facts += [f"({'open' if state == 'opened' else 'closed'} {container.name})" for container in matching]
+        links = dict.fromkeys(each.link for each in containers if each.container == condition.container)
+        if not links:
+            raise PerdureError(
+                f"{task.name} ends with {condition}, but none of its targets is in a {condition.container}"
+            )
+        facts += [("open" if condition.name == "opened" else "closed", link) for link in links]
     return tuple(facts)
-
-
-Fact = tuple[str, ...]
-"""A predicate's name and its arguments; also an action's name and arguments."""
-State = frozenset[Fact]
-
-
-@dataclass(frozen=True)
-class Action:
-    """A ground action: a skill, or `next_target`."""
-
-    name: Fact
-    needs: State
-    adds: State
-    deletes: State
-
-    @property
-    def skill(self) -> str:
-        """Its name alone."""
-        return self.name[0]
-
-    @property
-    def target(self) -> int:
-        """Number of the target it is about."""
-        return int(self.name[1].removeprefix("target_"))
-
-
-@dataclass(frozen=True)
-class Strips:
-    """A ground planning problem."""
-
-    start: State
-    goal: State
-    actions: tuple[Action, ...]
-
-    def shortest_plan(self) -> list[Action] | None:
-        """Return the actions of a shortest plan, None when there is no plan."""
-        came: dict[State, tuple[State, Action] | None] = {self.start: None}
-        waiting = deque([self.start])
-        while waiting:
-            state = waiting.popleft()
-            if self.goal <= state:
-                actions = []
-                while (step := came[state]) is not None:
-                    state, action = step
-                    actions.append(action)
-                return actions[::-1]
-            for action in self.actions:
-                if action.needs <= state:
-                    reached = (state - action.deletes) | action.adds
-                    if reached not in came:
-                        came[reached] = state, action
-                        waiting.append(reached)
-        return None
-
-
-def read_strips(domain: str, problem: str) -> Strips:
-    """Return the ground problem that a domain and a problem in PDDL describe.
-
-    Raises:
-        PerdureError: Parentheses do not match, or a condition is more than a conjunction of facts.
-    """
-    rules, task = _parse(domain), _parse(problem)
-    parents = dict(_typed(_section(rules, ":types")))
-    objects = [*_typed(_section(rules, ":constants")), *_typed(_section(task, ":objects"))]
-    start = frozenset(tuple(fact) for fact in _section(task, ":init"))
-    schemas = [(part[1], dict(zip(part[2::2], part[3::2], strict=True))) for part in rules if part[0] == ":action"]
-    changing = {fact[0] for _, parts in schemas for side in _split(parts[":effect"]) for fact in side}
-    actions = [action for name, parts in schemas for action in _ground(name, parts, objects, parents)]
-    possible = [each for each in actions if all(fact[0] in changing or fact in start for fact in each.needs)]
-    return Strips(start, frozenset(_positive(_section(task, ":goal")[0])), tuple(possible))
-
-
-def _ground(
-    name: str, parts: dict[str, Any], objects: Sequence[tuple[str, str]], parents: dict[str, str]
-) -> Iterator[Action]:
-    """Yield an action for every choice of objects of the right types."""
-    parameters = list(_typed(parts[":parameters"]))
-    fitting = [[each for each, kind in objects if _is_a(kind, wanted, parents)] for _, wanted in parameters]
-    needs, (adds, deletes) = _positive(parts[":precondition"]), _split(parts[":effect"])
-    for chosen in product(*fitting):
-        bound = {variable: each for (variable, _), each in zip(parameters, chosen, strict=True)}
-        yield Action((name, *chosen), *(_bind(facts, bound) for facts in (needs, adds, deletes)))
-
-
-def _bind(facts: Sequence[Fact], bound: dict[str, str]) -> State:
-    return frozenset(tuple(bound.get(word, word) for word in fact) for fact in facts)
-
-
-def _parse(text: str) -> list[Any]:
-    """Return the parts of (define ...) as nested lists of words."""
-    stack: list[list[Any]] = [[]]
-    for word in re.findall(r"[()]|[^\s()]+", re.sub(r";[^\n]*", "", text)):
-        if word == "(":
-            stack.append([])
-        elif word == ")" and len(stack) > 1:
-            inner = stack.pop()
-            stack[-1].append(inner)
-        else:
-            stack[-1].append(word)
-    if len(stack) != 1 or len(stack[0]) != 1 or stack[0][0][:1] != ["define"]:
-        raise PerdureError("PDDL must be one (define ...) with matching parentheses")
-    return list(stack[0][0][1:])
-
-
-def _section(parts: list[Any], name: str) -> list[Any]:
-    return next((part[1:] for part in parts if part[0] == name), [])
-
-
-def _typed(words: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield (name, type) of "a b - kind c - other"."""
-    names: list[str] = []
-    rest = iter(words)
-    for word in rest:
-        if word == "-":
-            kind = next(rest)
-            yield from ((name, kind) for name in names)
-            names = []
-        else:
-            names.append(word)
-
-
-def _is_a(kind: str, wanted: str, parents: dict[str, str]) -> bool:
-    return kind == wanted or (kind in parents and _is_a(parents[kind], wanted, parents))
-
-
-def _positive(condition: list[Any]) -> list[Fact]:
-    facts, negated = _split(condition)
-    if negated:
-        raise PerdureError(f"plain STRIPS has no negative conditions, such as {negated[0]}")
-    return facts
-
-
-def _split(condition: list[Any]) -> tuple[list[Fact], list[Fact]]:
-    """Return the facts of a conjunction, and those it negates."""
-    literals = condition[1:] if condition[0] == "and" else [condition]
-    facts = [tuple(each) for each in literals if each[0] != "not"]
-    return facts, [tuple(each[1]) for each in literals if each[0] == "not"]

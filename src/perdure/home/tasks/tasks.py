@@ -1,4 +1,4 @@
-"""The three tasks of the Home Assistant Benchmark: what is brought where, in which order, and how it is counted.
+"""The tasks of the Home Assistant Benchmark: what is brought where, in which order, and how it is counted.
 
 `data/tasks.json` declares them. Conditions are those of M3 (hab-mobile-manipulation,
 `habitat_extensions/tasks/rearrange/composite_sensors.py`):
@@ -8,10 +8,12 @@
 | `at(i)` | target i is within 0.15 m of its goal: positions only, in space, whatever its speed |
 | `holding(i)` | the gripper holds target i |
 | `not_holding()` | the gripper holds nothing, no handle either |
-| `opened_drawer()` | the drawer of target 0 is out by 0.4 m or more |
-| `closed_drawer()` | ... by 0.1 m or less |
-| `opened_fridge()` | the fridge's upper door is open by 1.57 - 0.15 = 1.42 rad or more |
-| `closed_fridge()` | ... by 0.15 rad or less |
+| `opened(drawer)` | the drawer of target 0 is out by 0.4 m or more |
+| `closed(drawer)` | ... by 0.1 m or less |
+| `opened(fridge)` | the fridge's upper door is open by 1.57 - 0.15 = 1.42 rad or more |
+| `closed(fridge)` | ... by 0.15 rad or less |
+
+The numbers of drawer, fridge and any other container are in `data/furniture.json`.
 
 *Latched*, as the benchmark counts: a stage is reached at the first step at which its conditions hold, if all earlier
 stages are reached by then, and stays reached whatever happens later. A can that is inside its goal region while it
@@ -24,10 +26,9 @@ after it. So it counts at the end only.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from functools import cached_property
+from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +36,36 @@ import numpy as np
 
 from perdure.errors import PerdureError, lookup
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.schema import checked, read_json
 
 SkillName = str
 """The name of any skill; the executor checks it when a plan runs (`perdure.home.skills.SKILLS`)."""
+
+
+class Verb(StrEnum):
+    """What a skill does."""
+
+    NAVIGATE = "navigate"
+    PICK = "pick"
+    PLACE = "place"
+    OPEN = "open"
+    CLOSE = "close"
+    RESET_ARM = "reset_arm"
+
+
+PAST: Mapping[str, str] = {Verb.PICK: "picked", Verb.PLACE: "placed", Verb.OPEN: "opened", Verb.CLOSE: "closed"}
+"""Past participle of each verb that a stage may have; of open and close also the condition that they bring about."""
+SKILL_VERBS: Mapping[SkillName, Verb] = {
+    **{verb.value: verb for verb in (Verb.NAVIGATE, Verb.PICK, Verb.PLACE, Verb.RESET_ARM)},
+    **{container.open_skill: Verb.OPEN for container in CONTAINERS.values()},
+    **{container.close_skill: Verb.CLOSE for container in CONTAINERS.values()},
+}
+"""What each skill does."""
+SKILL_CONTAINERS: Mapping[SkillName, str] = {
+    skill: name for name, each in CONTAINERS.items() for skill in (each.open_skill, each.close_skill)
+}
+"""The container that a skill opens or closes."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +87,20 @@ class SkillStep:
 class Stage:
     """A subgoal of a task, reached when all its conditions are met at one step and all earlier ones were reached."""
 
-    name: str
+    verb: Verb
+    """One of `PAST`."""
+    target: int
+    """Number of the target it is about."""
     conditions: tuple[Predicate, ...]
+
+    def __post_init__(self) -> None:
+        """Raise PerdureError for a verb that is no stage."""
+        lookup(PAST, self.verb, "verb of a stage")
+
+    @property
+    def name(self) -> str:
+        """In tables, such as `place_1`."""
+        return f"{self.verb}_{self.target}"
 
     def met(self, facts: WorldFacts) -> BoolArray:
         """Return where all conditions are met, whatever happened before. Shape (*)."""
@@ -70,8 +109,7 @@ class Stage:
     @property
     def placed(self) -> int | None:
         """The target whose placement this stage is, None for other stages."""
-        kind, _, number = self.name.partition("_")
-        return int(number) if kind == "place" else None
+        return self.target if self.verb == Verb.PLACE else None
 
 
 @dataclass(frozen=True)
@@ -104,15 +142,10 @@ class HomeTask:
     """Joint positions of doors at the start by link name; everything else is closed."""
     max_steps: int
     """Control steps an episode of the benchmark lasts."""
-    conditions: Mapping[str, tuple[str, ...]]
-    """Conditions of each stage, such as `at(1)`, by its name, in order."""
+    stages: tuple[Stage, ...]
+    """In order."""
     sequence: tuple[SkillStep, ...] = ()
     """Skills in place of the planner's."""
-
-    @cached_property
-    def stages(self) -> tuple[Stage, ...]:
-        """Its stages; PerdureError for a condition that there is not."""
-        return tuple(Stage(name, tuple(map(predicate, texts))) for name, texts in self.conditions.items())
 
 
 NOTHING = -1
@@ -131,19 +164,22 @@ class WorldFacts:
     """Where they belong in [m]. Shape (*, targets, 3) or (targets, 3)."""
     held: IntArray
     """Number of the target in the gripper, or NOTHING, or SOMETHING_ELSE. Shape (*)."""
-    drawer: FloatArray
-    """How far the drawer of target 0 is out in [m] (0 where the task has none). Shape (*)."""
-    fridge: FloatArray
-    """How far the fridge's upper door is open in [rad]. Shape (*)."""
+    containers: Mapping[str, FloatArray]
+    """How far each container is open in [m] or [rad], by name; 0 where the task has none. Shape (*) each."""
 
     def __post_init__(self) -> None:
-        """Raise PerdureError for shapes that do not match."""
-        shapes = {each.name: np.shape(getattr(self, each.name)) for each in fields(self)}
-        lead, targets = shapes["held"], shapes["object_positions"][-2:]
-        for name, wanted in {"object_positions": lead + targets, "drawer": lead, "fridge": lead}.items():
-            if shapes[name] != wanted:
-                raise PerdureError(f"{name} has shape {shapes[name]}; with held of shape {lead} it must be {wanted}")
-        goals = shapes["goal_positions"]
+        """Raise PerdureError for an unknown container and for shapes that do not match."""
+        lead = np.shape(self.held)
+        objects = np.shape(self.object_positions)
+        goals = np.shape(self.goal_positions)
+        targets = objects[-2:]
+        shapes = {"object_positions": (objects, lead + targets)}
+        for name, position in self.containers.items():
+            lookup(CONTAINERS, name, "container")
+            shapes[name] = (np.shape(position), lead)
+        for name, (shape, wanted) in shapes.items():
+            if shape != wanted:
+                raise PerdureError(f"{name} has shape {shape}; with held of shape {lead} it must be {wanted}")
         if targets[-1:] != (3,) or goals not in (targets, lead + targets):
             raise PerdureError(f"goal_positions has shape {goals}; it must be {targets} or {lead + targets}")
 
@@ -159,8 +195,6 @@ class WorldFacts:
 
 AT = 0.15
 """Largest distance in [m] of an object that is at its goal."""
-DRAWER_OPEN, DRAWER_CLOSED = 0.4, 0.1
-FRIDGE_OPENED, FRIDGE_CLOSED = 1.57 - 0.15, 0.15
 
 
 def at(facts: WorldFacts) -> BoolArray:
@@ -168,42 +202,57 @@ def at(facts: WorldFacts) -> BoolArray:
     return np.asarray(np.linalg.norm(facts.object_positions - facts.goal_positions, axis=-1) <= AT)
 
 
+def container_position(facts: WorldFacts, name: str) -> FloatArray:
+    """Return how far a container is open; PerdureError if the facts do not say it. Shape (*)."""
+    return lookup(facts.containers, name, "container in these facts")
+
+
 PREDICATES: dict[str, Callable[[WorldFacts, Any], BoolArray]] = {
-    "at": lambda facts, i: at(facts)[..., i],
-    "holding": lambda facts, i: np.asarray(facts.held == i),
+    "at": lambda facts, target: at(facts)[..., target],
+    "holding": lambda facts, target: np.asarray(facts.held == target),
     "not_holding": lambda facts, _: np.asarray(facts.held == NOTHING),
-    "opened_drawer": lambda facts, _: np.asarray(facts.drawer >= DRAWER_OPEN),
-    "closed_drawer": lambda facts, _: np.asarray(facts.drawer <= DRAWER_CLOSED),
-    "opened_fridge": lambda facts, _: np.asarray(facts.fridge >= FRIDGE_OPENED),
-    "closed_fridge": lambda facts, _: np.asarray(facts.fridge <= FRIDGE_CLOSED),
+    "opened": lambda facts, name: np.asarray(container_position(facts, name) >= CONTAINERS[name].opened),
+    "closed": lambda facts, name: np.asarray(container_position(facts, name) <= CONTAINERS[name].closed),
 }
-"""All conditions; the first two are about a target."""
+"""All conditions: of facts and what the condition is about, a target, a container or nothing."""
+ABOUT_TARGETS = ("at", "holding")
+ABOUT_CONTAINERS = ("opened", "closed")
 
 
 @dataclass(frozen=True)
 class Predicate:
-    """One condition, such as `at(1)`; made by `predicate`."""
+    """One condition, such as `at(1)` or `opened(fridge)`.
+
+    Raises:
+        PerdureError: If there is no such condition, or it is about something else.
+    """
 
     name: str
     target: int | None = None
+    """For `at` and `holding`."""
+    container: str | None = None
+    """For `opened` and `closed`."""
+
+    def __post_init__(self) -> None:
+        lookup(PREDICATES, self.name, "condition")
+        if (self.target is not None) != (self.name in ABOUT_TARGETS):
+            raise PerdureError(f"{self} must name a target: {', '.join(ABOUT_TARGETS)} do, no other condition does")
+        if (self.container is not None) != (self.name in ABOUT_CONTAINERS):
+            wanted = ", ".join(ABOUT_CONTAINERS)
+            raise PerdureError(f"{self} must name a container: {wanted} do, no other condition does")
+        if self.container is not None:
+            lookup(CONTAINERS, self.container, "container")
 
     def __str__(self) -> str:
-        return f"{self.name}({'' if self.target is None else self.target})"
+        about = [str(each) for each in (self.target, self.container) if each is not None]
+        return f"{self.name}({', '.join(about)})"
 
     def holds(self, facts: WorldFacts) -> BoolArray:
         """Return where the condition is met. Shape (*)."""
         if self.target is not None and self.target >= facts.targets:
             raise PerdureError(f"{self} is about a target that is not there: the facts know {facts.targets} targets")
-        return PREDICATES[self.name](facts, self.target)
-
-
-def predicate(text: str) -> Predicate:
-    """Read a condition such as `at(1)` or `not_holding()`; anything else raises PerdureError."""
-    valid = [f"{name}(i)" if name in ("at", "holding") else f"{name}()" for name in PREDICATES]
-    if "(i)" in text or re.sub(r"\(\d+\)", "(i)", text) not in valid:
-        raise PerdureError(f"no condition reads {text!r}; there are {', '.join(valid)}")
-    name, _, number = text.removesuffix(")").partition("(")
-    return Predicate(name, int(number) if number else None)
+        about = self.container if self.target is None else self.target
+        return PREDICATES[self.name](facts, about)
 
 
 def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
@@ -213,8 +262,9 @@ def with_resets(*skills: tuple[SkillName, int]) -> tuple[SkillStep, ...]:
     """
     steps: list[SkillStep] = []
     for k, (skill, target) in enumerate(skills):
-        steps.append(SkillStep(skill, target, skills[k + 1][0] if skill == "navigate" else None))
-        steps.append(SkillStep("reset_arm", target))
+        toward = skills[k + 1][0] if skill == Verb.NAVIGATE else None
+        steps.append(SkillStep(skill, target, toward))
+        steps.append(SkillStep(Verb.RESET_ARM.value, target))
     return tuple(steps)
 
 
@@ -230,7 +280,9 @@ def _spelled_out(value: Any, groups: Mapping[str, Any]) -> Any:
 _DATA = read_json((Path(__file__).parents[1] / "data" / "tasks.json").read_bytes())
 _FOUND: tuple[HomeTask, ...] = checked(_spelled_out(_DATA["tasks"], _DATA["groups"]), tuple[HomeTask, ...])
 TASKS = {task.name: task for task in _FOUND}
-"""The tasks by name."""
+"""The tasks by name. The seed of a task's episodes depends on its position: a new task goes to the end."""
+STAGES = {stage.name: stage for task in _FOUND for stage in task.stages}
+"""A stage of each name that tables have; only verb and target of it are the same in every task."""
 
 
 def get_task(name: str) -> HomeTask:

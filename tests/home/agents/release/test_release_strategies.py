@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from perdure.errors import PerdureError
-from perdure.home.agents.release import LAG, STRATEGIES, HandOverView, Ik, lag, make_strategy
+from perdure.home.agents.release import LAG, HandOver, HandOverView, Ik, ReleaseStrategy, lag, make_strategy
 from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
@@ -126,7 +126,7 @@ def test_beside_its_goal_nothing_is_lowered_and_a_label_says_so(table, name):
 
 
 def test_ik_goes_straight_down_by_epsilon_with_the_base_still(table):
-    strategy = Ik(Hasty(at=0), epsilon=0.06)
+    strategy = HandOver(Hasty(at=0), Ik(epsilon=0.06))
     seen = play(start(table), strategy)
     way = seen[-2].gripper[0] - seen[1].gripper[0]
     assert way[2] == pytest.approx(-0.06, abs=0.006)
@@ -155,7 +155,7 @@ def test_a_guarded_descent_into_free_air_ends_without_contact(table, monkeypatch
 
 
 def test_a_target_out_of_reach_is_a_labeled_fall_back(table):
-    strategy = Ik(Hasty(at=0), epsilon=0.9)
+    strategy = HandOver(Hasty(at=0), Ik(epsilon=0.9))
     seen = play(start(table), strategy)
     assert strategy.outcomes == ["out of reach"]
     assert abs(seen[-2].gripper[0, 2] - seen[1].gripper[0, 2]) < 0.02
@@ -168,7 +168,7 @@ def test_the_policy_is_not_asked_while_the_hand_over_runs(table):
     assert len(seen) > 10
 
 
-@pytest.mark.parametrize("name", STRATEGIES)
+@pytest.mark.parametrize("name", ReleaseStrategy.kinds())
 def test_at_the_time_out_the_release_strategy_runs(table, name, monkeypatch):
     """The executor gives a hand-over the time it needs; the policy alone gets none."""
     agent = make_strategy(name, Hasty(at=10**6))
@@ -212,7 +212,7 @@ def test_a_hand_over_that_was_cut_off_does_not_go_on_in_the_next_place(table):
 
 
 def test_a_hand_that_touches_down_too_early_is_blocked_and_not_done(table):
-    agent = Ik(Hasty(at=0), epsilon=0.12)
+    agent = HandOver(Hasty(at=0), Ik(epsilon=0.12))
     play(start(table, clearance=0.02), agent)
     assert agent.outcomes == ["blocked"]
 

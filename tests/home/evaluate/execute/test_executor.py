@@ -7,7 +7,7 @@ import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.agents.learned import Scripted
-from perdure.home.agents.release import Stop
+from perdure.home.agents.release import HandOver, Stop
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate import execute
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
@@ -150,8 +150,8 @@ def planning(monkeypatch, *steps):
     asked = []
 
     class Listed(Planner):
-        def __init__(self, episode):
-            super().__init__(episode)
+        def __init__(self, episode, fallback):
+            super().__init__(episode, fallback)
             self._steps = iter(steps)
 
         def next(self, facts, succeeded=True):
@@ -285,6 +285,27 @@ class EnoughError(Exception):
     """The pick has been seen."""
 
 
+def test_without_fallback_the_policy_tries_on_and_the_target_is_given_up():
+    skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()
+    agents = {name: Scripted() if name == "reset_arm" else oracle for name in SKILLS} | {"pick": Idle()}
+    options = ExecutorOptions(lanes=1, threads=1, planner="closed", fallback="none")
+    picks = []
+
+    def observe(world, running):
+        step = running[0].current
+        if step is not None and step.skill == "pick" and (step.target, step.attempt) not in picks:
+            picks.append((step.target, step.attempt))
+            assert not step.scripted
+            if step.target != picks[0][0]:
+                raise EnoughError
+
+    executor = Executor(skills, agents, options)
+    with pytest.raises(EnoughError):
+        list(executor.run([load_episodes("tidy_house", "val")[0]], observe))
+    first = picks[0][0]
+    assert picks[:-1] == [(first, attempt) for attempt in range(1, 6)]
+
+
 def test_a_retry_begins_elsewhere_and_the_last_resort_is_scripted():
     """A pick that never grasps is tried three times, from different places, and then by the oracle, which succeeds."""
     skills, oracle = {name: get_skill(name) for name in SKILLS}, Oracle()
@@ -373,5 +394,5 @@ def test_tilt_and_speed_of_objects_are_mujocos(set_table, monkeypatch):
 def test_the_oracle_counts_as_scripted_inside_a_release_strategy_too(set_table, monkeypatch):
     shorten(monkeypatch, 2, 6)
     planning(monkeypatch, SkillStep("place", 0), None)
-    log = run(Stop(Oracle()), [set_table[0]], lanes=1, settle_steps=3)[0]
+    log = run(HandOver(Oracle(), Stop()), [set_table[0]], lanes=1, settle_steps=3)[0]
     assert [each.scripted for each in log.runs] == [True]

@@ -34,8 +34,8 @@ class Story:
         targets = len(self.goals)
         self.objects = np.array([placement.position for placement in self.episode.objects[:targets]])
         self.up = np.ones(targets)
-        self.held, self.drawer = NOTHING, 0.0
-        self.fridge = float(self.episode.opened.get("top_door", 0.0))
+        self.held = NOTHING
+        self.containers = {"drawer": 0.0, "fridge": float(self.episode.opened.get("top_door", 0.0))}
         self.gripper, self.base = AWAY.copy(), np.array([-5.5, -5.0, 0.0])
         self.force, self.diverged = 0.0, False
         self.rows, self.runs = [], []
@@ -49,8 +49,7 @@ class Story:
                 {
                     "objects": self.objects.copy(),
                     "held": self.held,
-                    "drawer": self.drawer,
-                    "fridge": self.fridge,
+                    "containers": tuple(self.containers.values()),
                     "up": self.up.copy(),
                     "speed": moved if speed is None else np.full(len(moved), speed),
                     "gripper": self.gripper.copy(),
@@ -132,15 +131,9 @@ class Story:
             meanwhile(self)
         if not self.diverged:
             self.wait(settle)
-        recorder = Recorder(self.episode, self.runs, [self.flat(row) for row in self.rows], self.diverged)
+        recorder = Recorder(self.episode, self.runs, [tuple(row.values()) for row in self.rows], self.diverged)
         objects = tuple(FinalObject(o.kind, o.position, o.quaternion, 0.0, False) for o in self.episode.objects)
-        return recorder.log(steps, objects, strategy="story", train_seed=100, eval_seed=self.eval_seed)
-
-    @staticmethod
-    def flat(row):
-        """A row as the recorder keeps it."""
-        objects, held, drawer, fridge, *others = row.values()
-        return objects, held, np.array([drawer, fridge]), *others
+        return recorder.log(steps, objects, place="story", train_seed=100, eval_seed=self.eval_seed)
 
 
 def good(index=0, eval_seed=0):
@@ -175,7 +168,8 @@ def _anything(story, rng, targets):
     if rng.random() < 0.4:
         story.held = int(rng.integers(-2, targets))
     story.up = np.clip(rng.normal(0.8, 0.5, size=targets), -1.0, 1.0)
-    story.drawer, story.fridge = float(rng.choice([0.0, 0.2, 0.45])), float(rng.choice([0.0, 1.0, 2.0]))
+    story.containers["drawer"] = float(rng.choice([0.0, 0.2, 0.45]))
+    story.containers["fridge"] = float(rng.choice([0.0, 1.0, 2.0]))
     story.force = float(rng.choice([0.0, 3000.0], p=[0.9, 0.1]))
     story.gripper = story.objects[int(rng.integers(targets))] + rng.normal(0.0, 0.2, size=3)
     story.wait(speed=float(rng.choice([0.0, 1.0])))

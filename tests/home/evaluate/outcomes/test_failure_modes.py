@@ -27,7 +27,7 @@ BESIDE, FAR = (0.0, 0.0, 0.2), (0.0, 0.0, 0.3)
 
 def latched_label(story):
     found = label(story.log(), "latched")
-    return found.stage, found.cause, found.target
+    return found.stage.name, found.cause, found.target
 
 
 def placed_and_gone(first=None, then=None, wait=0, base=None):
@@ -169,13 +169,13 @@ def test_a_pick_that_failed_says_why(what):
 @pytest.mark.parametrize(("angle", "cause"), [(1.41, "door not open"), (1.43, "grasp missed")])
 def test_a_pick_from_a_closed_fridge_failed_for_the_door(angle, cause):
     story = Story()
-    story.fridge = angle
+    story.containers["fridge"] = angle
     assert latched_label(missed(story, 0)) == ("pick_0", cause, 0)
 
 
 def test_a_closed_fridge_is_no_reason_for_an_object_on_the_counter():
     story = Story().go(0).go(1)
-    story.fridge = 0.0
+    story.containers["fridge"] = 0.0
     assert latched_label(missed(story, 2)) == ("pick_2", "grasp missed", 2)
 
 
@@ -190,9 +190,9 @@ def set_table(drawer=0.45, drawer_after=0.0, fridge=2.0, fridge_after=0.0, force
             story.held = SOMETHING_ELSE
             story.wait(2)
             if target == 0:
-                story.drawer = drawer if skill == "open_drawer" else drawer_after
+                story.containers["drawer"] = drawer if skill == "open_drawer" else drawer_after
             else:
-                story.fridge = fridge if skill == "open_fridge" else fridge_after
+                story.containers["fridge"] = fridge if skill == "open_fridge" else fridge_after
             story.wait(2)
             story.held = NOTHING
             story.wait()
@@ -290,7 +290,7 @@ def test_a_success_that_did_not_last_is_a_failure_of_one_counting_only():
     record = Story().rest(range(3)).log(meanwhile=gone_in_the_end)
     assert label(record, "latched") is None
     found = label(record, "stabilizing")
-    assert (found.stage, found.cause, found.target) == ("place_2", "rolled", 2)
+    assert (found.stage.name, found.cause, found.target) == ("place_2", "rolled", 2)
     assert outcome(record) == "success that did not last"
     assert stabilizing(record) == (True, True, False)
 
@@ -311,9 +311,9 @@ def test_every_mechanism_has_a_log_of_its_own_here():
 def test_a_pick_from_a_drawer_that_slid_shut_failed_for_the_drawer(opening, cause):
     story = Story("set_table")
     with story.run("open_drawer", 0):
-        story.drawer = 0.45
+        story.containers["drawer"] = 0.45
         story.wait(3)
-    story.drawer = opening
+    story.containers["drawer"] = opening
     assert latched_label(missed(story, 0)) == ("pick_0", cause, 0)
 
 

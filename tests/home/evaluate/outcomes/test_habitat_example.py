@@ -57,8 +57,7 @@ def as_json(log, episode_id):
                 "gripper": y_up(log.history.gripper[k]),
                 "base": [*y_up([*log.history.base[k, :2], 0.0]), float(log.history.base[k, 2])],
                 "force": float(log.history.force[k]),
-                "drawer": float(facts.drawer[k]),
-                "fridge": float(facts.fridge[k]),
+                "containers": {name: float(position[k]) for name, position in facts.containers.items()},
             }
             for k in range(len(facts))
         ],

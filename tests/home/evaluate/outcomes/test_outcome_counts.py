@@ -26,6 +26,7 @@ from perdure.home.evaluate.outcomes import (
     stabilizing,
 )
 from perdure.home.evaluate.page import summary_text
+from perdure.home.evaluate.strategy import Strategy
 
 seeds = st.integers(0, 2**32 - 1)
 TASKS = ("prepare_groceries", "tidy_house", "set_table")
@@ -120,8 +121,8 @@ def test_stages_counted_from_events_are_those_of_every_step(seed, task):
 
 
 def test_a_log_that_does_not_say_what_was_run_is_refused():
-    with pytest.raises(PerdureError, match="no strategy"):
-        replace(good(), strategy="")
+    with pytest.raises(PerdureError, match="no place"):
+        replace(good(), place="")
 
 
 def ten_episodes():
@@ -212,11 +213,11 @@ def test_an_episode_that_is_there_twice_is_refused():
 
 
 def test_two_strategies_do_not_mix():
-    records = [replace(good(), strategy="a"), replace(missed(Story(), 0).log(), strategy="b")]
+    records = [replace(good(), place="a"), replace(missed(Story(), 0).log(), place="b")]
     analysis = analyze(records)
     final = analysis.stages.filter(counting="latched", stage="place_2")
-    assert dict(final.select("strategy", "mean").rows()) == {"a": 1.0, "b": 0.0}
-    assert set(analysis.modes["strategy"]) == {"b"}
+    assert dict(final.select("place", "mean").rows()) == {"a": 1.0, "b": 0.0}
+    assert set(analysis.modes["place"]) == {"b"}
     assert set(analysis.modes["of_all"]) == {1.0}
 
 
@@ -268,7 +269,7 @@ def test_cylinders_are_counted_beside_their_share_of_placements():
         failures += can
     (view,) = make_views(vars(analyze(logs)))
     assert 0 < sum(cylinders) < 12
-    assert by_shape(view, "story") == ((sum(cylinders), sum(failures)), (12 - sum(cylinders), 0))
+    assert by_shape(view, Strategy("story")) == ((sum(cylinders), sum(failures)), (12 - sum(cylinders), 0))
 
 
 def test_kinds_hold_counts_and_rates_that_add_up(ten):
@@ -356,4 +357,4 @@ def test_placements_of_an_episode_are_one_unit_and_so_are_its_evaluation_seeds()
     assert paired_difference(found.episodes, found.episodes).count == 4
     assert paired_difference(found.placements, found.placements, keys=SAME_PLACEMENT).count == 4
     (view,) = make_views({name: getattr(found, name) for name in ("success", "episodes")})
-    assert view.units("story") == (False, 4), "an evaluation seed is not finished"
+    assert view.units(Strategy("story")) == (False, 4), "an evaluation seed is not finished"

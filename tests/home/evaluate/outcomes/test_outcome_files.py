@@ -1,7 +1,8 @@
 """Logs on disk: what is written is what is read; what is not whole is refused by name."""
 
 import io
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import polars as pl
@@ -15,6 +16,7 @@ from test_failure_modes import missed, placed_and_gone
 from perdure.errors import PerdureError
 from perdure.home.evaluate import files
 from perdure.home.evaluate.analysis import analyze
+from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.files import (
     SCHEMA_NAME,
     SCHEMA_VERSION,
@@ -24,6 +26,9 @@ from perdure.home.evaluate.files import (
     to_frame,
     write_logs,
 )
+from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.evaluate.strategy import Strategy
+from perdure.home.sim.scene import SceneOptions
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +195,9 @@ OUT_OF_RANGE = {
     "held 99": ("events", put(0, "held", 99), "held"),
     "a held target that is not there": ("events", put(0, "held", 3), "a held target that is not there"),
     "in_goal that is null": ("events", put(0, "in_goal", None), "in_goal"),
-    "nan as drawer": ("events", put(0, "drawer", float("nan")), "drawer"),
+    "nan as position of the drawer": ("events", put(0, "containers", 0, "position", float("nan")), "position"),
+    "an unknown container": ("events", put(0, "containers", 0, "name", "wardrobe"), "name"),
+    "no container in one event": ("events", put(0, "containers", []), "other containers"),
     "an infinite goal": ("targets", put(0, "goal_x", float("inf")), "goal_x"),
     "an escape in a kind": ("targets", put(0, "kind", "\x1b[2J"), "kind"),
     "a negative force": ("runs", put(0, "force", -1.0), "force"),
@@ -213,7 +220,7 @@ def test_values_out_of_range_are_refused_though_the_digest_fits(path, what):
         *[("control_hz", value) for value in (float("inf"), float("nan"), -1.0, None)],
         *[("index", value) for value in (-1, None)],
         *[("split", value) for value in ("", "x" * 60, "a\nb", None)],
-        *[("strategy", value) for value in ("", "\x1b[31m", "\u202e", None)],
+        *[("place", value) for value in ("", "\x1b[31m", "\u202e", None)],
         ("train_seed", -2),
         ("steps", 10**12),
         ("task", "clean_up"),
@@ -255,7 +262,7 @@ def test_files_of_another_schema_version_or_shape_are_refused(path):
     frame = pl.read_parquet(path)
     for notes, table, sentence in (
         ({"schema": "perdure.extrapolation"}, frame, "not one of the schema"),
-        ({"version": "2"}, frame, "reads version 4"),
+        ({"version": "2"}, frame, "reads version 5"),
         ({}, frame.drop("runs"), "runs"),
         ({}, frame.with_columns(pl.lit(1).alias("extra")), "extra"),
         ({}, pl.concat([frame, frame]), "twice"),
@@ -264,6 +271,49 @@ def test_files_of_another_schema_version_or_shape_are_refused(path):
         rewrite(path, table, **notes)
         with pytest.raises(PerdureError, match=rf"logs\.parquet.*{sentence}"):
             read_logs(path)
+
+
+def as_version_4(path, name, **notes):
+    """The file as it was when one text told what was run, and an event had a field for each of two containers."""
+    frame = pl.read_parquet(path).with_columns(place=pl.lit(name)).drop("world", "planner", "fallback")
+    events = frame["events"].to_list()
+    for event in (each for row in events for each in row):
+        event |= {each["name"]: each["position"] for each in event.pop("containers")}
+    frame = frame.with_columns(pl.Series("events", events)).rename({"place": "strategy"})
+    rewrite(path, frame, version="4", **notes)
+
+
+def test_a_file_of_version_4_tells_what_was_run_in_its_note(path, logs):
+    """The text is not read back: the options that made the file are in it."""
+    scene = SceneOptions(rolling=0.0, apple="hull")
+    options = ExecutorOptions(scene=scene, planner="closed")
+    protocol = EvaluationProtocol("prepare_groceries", "ik", options=options)
+    as_version_4(path, "ik drag hull-apple closed", protocol=json.dumps(asdict(protocol)))
+    read = read_logs(path)
+    assert {log.strategy for log in read} == {protocol.strategy}
+    assert protocol.strategy == Strategy("ik", "drag only, apple a convex hull", "closed", "oracle")
+    same = [replace(log, **asdict(protocol.strategy)) for log in logs]
+    assert_frame_equal(to_frame(read), to_frame(same), check_exact=True)
+
+
+def test_a_file_of_version_4_of_another_simulator_keeps_its_name(path):
+    as_version_4(path, "TP+SRL")
+    assert {log.strategy for log in read_logs(path)} == {Strategy("TP+SRL")}
+
+
+@pytest.mark.parametrize("field", ["step", "held", "in_goal", "drawer"])
+def test_a_file_of_version_4_with_an_event_that_lacks_a_value_is_refused(path, field):
+    as_version_4(path, "ik")
+    frame = changed(pl.read_parquet(path), "events", put(0, field, None))
+    rewrite(path, frame, version="4")
+    with pytest.raises(PerdureError, match=r"logs\.parquet.*null"):
+        read_logs(path)
+
+
+def test_a_file_of_version_4_with_a_damaged_note_is_refused(path):
+    as_version_4(path, "ik", protocol="{}")
+    with pytest.raises(PerdureError, match=r"logs\.parquet.*place"):
+        read_logs(path)
 
 
 def test_every_column_is_described():
@@ -305,6 +355,6 @@ def test_records_that_do_not_fit_together_cannot_be_made():
 
 def test_another_simulators_records_are_written_and_read(tmp_path):
     """At 20 Hz: nothing in the analysis takes the control rate for granted."""
-    record = replace(good(), control_hz=20.0, strategy="elsewhere")
+    record = replace(good(), control_hz=20.0, place="elsewhere")
     (found,) = read_logs(write_logs(tmp_path / "a.parquet", [record], {"simulator": "elsewhere"}))
     assert analyze([found]).episodes["settle_seconds"].to_list() == [7.5]

@@ -32,8 +32,9 @@ def four():
     return [good(0), leaves(1, 2), leaves(2, 0), misses(3)]
 
 
-def records(strategy, logs, train_seed=100):
-    return [replace(log, strategy=strategy, train_seed=train_seed) for log in logs]
+def records(place, logs, train_seed=100, **run):
+    """The logs as those of a release strategy; `run`: world, planner, fallback, label."""
+    return [replace(log, place=place, train_seed=train_seed, **run) for log in logs]
 
 
 def two_strategies():

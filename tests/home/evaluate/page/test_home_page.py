@@ -16,6 +16,7 @@ from perdure.home.evaluate.analysis import analyze
 from perdure.home.evaluate.comparison import describe, describe_kind, describe_stage
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.page import PAGE, LogNotes, read_all, write_page
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.objects import KINDS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.tasks import get_task
@@ -179,8 +180,12 @@ class TestFigures:
         assert figure(page_of(two_strategies(), tmp_path), "modes-latched") is not None
 
     def test_strategies_come_in_the_order_of_what_they_add(self, tmp_path):
-        names = ["rl drag", "zebra", "guarded", "ik drag", "ik", "gentle", "delta-50", "stop", "delta-5", "rl"]
-        page = page_of([each for name in names for each in records(name, [good(0)])], tmp_path)
+        names = ["zebra", "guarded", "ik", "gentle", "delta-50", "stop", "delta-5", "rl"]
+        logs = [each for name in names for each in records(name, [good(0)])]
+        logs += records("rl", [good(0)], planner="closed", fallback="none")
+        logs += records("rl", [good(0)], planner="closed", fallback="oracle")
+        logs += records("ik", [good(0)], world="drag only") + records("rl", [good(0)], world="drag only")
+        page = page_of(logs, tmp_path)
         expected = [
             "rl",
             "delta-5",
@@ -190,8 +195,10 @@ class TestFigures:
             "ik",
             "guarded",
             "zebra",
-            "rl drag",
-            "ik drag",
+            "rl, closed",
+            "rl, closed, without fallback",
+            "rl, drag only",
+            "ik, drag only",
         ]
         assert [each["release strategy"] for each in table(page, "Success")] == expected
 
@@ -200,18 +207,19 @@ class TestWords:
     @pytest.mark.parametrize(
         ("strategy", "expected"),
         [
-            ("rl", "open at once"),
-            ("ik drag", "stop, lower 5 cm, drag only"),
-            ("delta-50", "trained to stay 50 steps"),
-            ("delta-50 drag 480-hz", "trained to stay 50 steps, drag only, 480 hz"),
-            ("zebra crossing", "zebra crossing"),
+            (Strategy("rl"), "open at once"),
+            (Strategy("ik", "drag only"), "stop, lower 5 cm, drag only"),
+            (Strategy("delta-50"), "trained to stay 50 steps"),
+            (Strategy("delta-50", "drag only, 480 hz"), "trained to stay 50 steps, drag only, 480 hz"),
+            (Strategy("rl", planner="closed", fallback="oracle"), "open at once, planned again after each skill"),
+            (Strategy("zebra crossing"), "zebra crossing"),
         ],
     )
     def test_strategies_are_told_in_words(self, strategy, expected):
         assert describe(strategy) == expected
 
     def test_a_world_that_all_arms_share_is_named_once(self, tmp_path):
-        page = page_of(records("rl drag", four()) + records("ik drag", four()), tmp_path)
+        page = page_of(records("rl", four(), world="drag only") + records("ik", four(), world="drag only"), tmp_path)
         assert set(by_label(figure(page, "release-height"), "line")) == {"open at once", "stop, lower 5 cm"}
         assert "PrepareGroceries, val, drag only" in page
 
@@ -236,13 +244,13 @@ class TestPolicies:
         folders, paths = [tmp_path / "a", tmp_path / "ab"], []
         for folder, skill in zip(folders, ("one", "two"), strict=True):
             folder.mkdir()
-            logs = records("rl closed", [good(0)])
+            logs = records("rl", [good(0)], planner="closed", fallback="oracle")
             paths.append(write_logs(folder / "logs.parquet", logs, {"policies": f'{{"place": "{skill}"}}'}))
         found, notes = read_all(paths, dict(zip(folders, ("mine", "from a paper"), strict=True)))
-        assert [log.strategy for log in found] == ["rl closed mine", "rl closed from-a-paper"]
-        assert describe("rl closed from-a-paper") == "open at once, planned again after each skill, from a paper"
+        assert [log.strategy.name for log in found] == ["rl, closed, mine", "rl, closed, from a paper"]
+        assert describe(found[1].strategy) == "open at once, planned again after each skill, from a paper"
         acted = {each["skill"]: each for each in table(page_of(found, tmp_path, "go", notes), "Policies")}["place"]
-        assert (acted["rl closed mine"], acted["rl closed from-a-paper"]) == ("one", "two")
+        assert (acted["rl, closed, mine"], acted["rl, closed, from a paper"]) == ("one", "two")
 
     def test_notes_of_the_logs_are_shown(self, tmp_path):
         run = {

@@ -10,15 +10,21 @@ import pytest
 from perdure.errors import PerdureError
 from perdure.home.evaluate.comparison import describe
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol
+from perdure.home.evaluate.protocol import EvaluationProtocol, noted_protocol, protocol_units
+from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.objects import AppleShape
 from perdure.home.sim.scene import LEVERS, SceneOptions
+from perdure.runs import Store
 
 PLACES = ("rl", "stop", "ik", "guarded", "delta-50", "hand", "geometric-50")
 
 
+def protocol(place, **world):
+    return EvaluationProtocol("set_table", place, options=ExecutorOptions(scene=SceneOptions(**world)))
+
+
 def name(place, **world):
-    return EvaluationProtocol("set_table", place, options=ExecutorOptions(scene=SceneOptions(**world))).name
+    return protocol(place, **world).strategy.name
 
 
 def test_every_strategy_and_world_has_a_name_of_its_own():
@@ -28,28 +34,66 @@ def test_every_strategy_and_world_has_a_name_of_its_own():
         for place, (apple, rolling, hertz) in product(PLACES, worlds)
     }
     assert len(names) == len(PLACES) * len(worlds)
+    folders = {
+        protocol(place, apple=apple, rolling=rolling, physics_hz=hertz).folder
+        for place, (apple, rolling, hertz) in product(PLACES, worlds)
+    }
+    assert len(folders) == len(names)
 
 
 def test_the_usual_world_has_no_name():
     assert name("ik", visuals=True) == "ik"
-    assert name("ik", apple="hull", rolling=0.0, physics_hz=240) == "ik drag hull-apple 240-hz"
-    assert name("ik", rolling=0.0004) == "ik rolling-0.4-mm"
-    assert describe("ik rolling-0.4-mm") == "stop, lower 5 cm, rolling 0.4 mm"
-    assert describe("geometric-50") == "trained with a geometric time-to-go, always 50 steps to go"
+    assert name("ik", apple="hull", rolling=0.0, physics_hz=240) == "ik, drag only, apple a convex hull, 240 hz"
+    rolling = protocol("ik", rolling=0.0004)
+    assert (rolling.strategy.world, rolling.folder) == ("rolling 0.4 mm", "set_table/val/ik-rolling-0.4-mm")
+    assert describe(rolling.strategy) == "stop, lower 5 cm, rolling 0.4 mm"
+    assert describe(Strategy("geometric-50")) == "trained with a geometric time-to-go, always 50 steps to go"
 
 
 def test_a_closed_loop_has_a_name_a_folder_and_words_of_its_own():
     options = ExecutorOptions(scene=SceneOptions(rolling=0.0), planner="closed")
     protocol = EvaluationProtocol("prepare_groceries", "ik", options=options)
-    assert (protocol.name, protocol.folder) == ("ik drag closed", "prepare_groceries/val/ik-drag-closed")
+    assert protocol.strategy == Strategy("ik", "drag only", "closed", "oracle")
+    assert protocol.folder == "prepare_groceries/val/ik-drag-closed"
     assert noted_protocol({"protocol": json.dumps(asdict(protocol))}, "it") == protocol
-    assert describe("ik closed") == "stop, lower 5 cm, planned again after each skill"
+    assert describe(protocol.strategy) == "stop, lower 5 cm, drag only, planned again after each skill"
     assert "open_fridge" in protocol.skills()
     assert protocol.policies_of(0)["open_fridge"].learned
 
 
+def test_a_closed_loop_without_fallback_has_a_name_and_an_identity_of_its_own(tmp_path):
+    protocols = [
+        EvaluationProtocol("tidy_house", "rl", options=ExecutorOptions(planner="closed", fallback=fallback))
+        for fallback in ("oracle", "none")
+    ]
+    assert [each.strategy.fallback for each in protocols] == ["oracle", "none"]
+    assert [each.folder for each in protocols] == [
+        f"tidy_house/val/{name}" for name in ("rl-closed", "rl-closed-no-fallback")
+    ]
+    assert describe(protocols[1].strategy).endswith("without fallback")
+    assert noted_protocol({"protocol": json.dumps(asdict(protocols[1]))}, "it") == protocols[1]
+    configs = [next(protocol_units(each, "", Store(tmp_path))).config for each in protocols]
+    assert configs[1] == {**configs[0], "fallback": "none"}
+    assert "fallback" not in configs[0]  # what was run before there was a choice stays valid
+
+
+def test_a_log_from_before_there_was_a_choice_had_the_oracle_as_fallback():
+    protocol = EvaluationProtocol("tidy_house", "rl", options=ExecutorOptions(planner="closed"))
+    noted = asdict(protocol)
+    del noted["options"]["fallback"]
+    assert noted_protocol({"protocol": json.dumps(noted)}, "it") == protocol
+
+
+@pytest.mark.parametrize(
+    ("planner", "fallback", "word"), [("open", "none", "planner closed"), ("closed", "oracel", "oracle")]
+)
+def test_a_fallback_that_cannot_be_is_refused(planner, fallback, word):
+    with pytest.raises(PerdureError, match=word):
+        ExecutorOptions(planner=planner, fallback=fallback)
+
+
 def test_a_scene_without_clutter_has_a_name_of_its_own():
-    assert name("ik", clutter=False) == "ik no-clutter"
+    assert name("ik", clutter=False) == "ik, no clutter"
 
 
 @pytest.mark.parametrize("wrong", [{"rolling": "ice"}, {"physics_hz": 100}, {"apple": "pear"}])

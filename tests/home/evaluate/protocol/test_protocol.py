@@ -155,8 +155,9 @@ def test_an_unusual_world_has_a_name_and_a_folder_of_its_own():
     unusual = EvaluationProtocol(
         "set_table", "guarded", options=ExecutorOptions(scene=SceneOptions(apple="hull", rolling=0.0))
     )
-    assert (usual.name, usual.folder) == ("guarded", "set_table/val/guarded")
-    assert (unusual.name, unusual.folder) == ("guarded drag hull-apple", "set_table/val/guarded-drag-hull-apple")
+    assert (usual.strategy.name, usual.folder) == ("guarded", "set_table/val/guarded")
+    assert unusual.strategy.name == "guarded, drag only, apple a convex hull"
+    assert unusual.folder == "set_table/val/guarded-drag-hull-apple"
 
 
 @pytest.mark.verify

@@ -2,13 +2,22 @@
 
 import hashlib
 import json
+from dataclasses import replace
 
 import pytest
 
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import make_apartment
 from perdure.home.sim.objects import Placement
-from perdure.home.tasks.episodes import Episode, EpisodeSet, load_episodes, read_episodes, write_episodes
+from perdure.home.tasks.episodes import (
+    Episode,
+    EpisodeSet,
+    load_episodes,
+    published_splits,
+    read_episodes,
+    write_episodes,
+)
+from perdure.home.tasks.tasks import TASKS
 
 SOFA = "sofa|receptacle_aabb_Sofa_frl_apartment_sofa"
 MIDDLE = "fridge|receptacle_aabb_middle_topfrl_apartment_refrigerator"
@@ -167,3 +176,15 @@ def test_unpublished_and_unknown_episodes_are_refused():
         load_episodes("clean_up", "val")
     with pytest.raises(PerdureError, match="has episodes 0 to 0, not 1"):
         EpisodeSet("set_table", "val", {}, (episode(),))[1]
+
+
+def test_a_task_without_published_episodes_is_named_and_another_ones_files_are_not_taken_for_its_own(
+    written, monkeypatch
+):
+    path, _ = written
+    monkeypatch.setattr("perdure.home.tasks.episodes.DATA", path.parent)
+    monkeypatch.setitem(TASKS, "set", replace(TASKS["set_table"], name="set"))
+    assert published_splits("set_table") == ("val",)
+    assert published_splits("set") == ()
+    with pytest.raises(PerdureError, match="no episodes of set are published"):
+        load_episodes("set", "val")

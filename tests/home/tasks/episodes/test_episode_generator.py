@@ -178,3 +178,20 @@ def test_publishing_writes_the_splits_of_every_task_and_says_what_was_thrown_awa
     assert len(read_episodes(tmp_path / "data" / "set_table_eval.json")) == 20
     assert set(refusals) == set(files)
     assert refusals["tidy_house_val"]["a goal is too close to its start"] > 0
+
+
+def test_publishing_one_task_leaves_the_files_of_the_others_and_writes_what_all_together_write(
+    quick, tmp_path, monkeypatch
+):
+    quick("", 0.0)
+    monkeypatch.setattr(generation, "PER_APARTMENT", dict.fromkeys(("val", "eval", "eval-2"), 1))
+    other = tmp_path / "tidy_house_val.json"
+    other.write_text("as it was")
+    publish(tmp_path, ["set_table"])
+    publish(tmp_path / "all", list(TASKS)[1:])
+    assert other.read_text() == "as it was"
+    alone = sorted(path.name for path in tmp_path.iterdir() if path.name.startswith("set_table"))
+    assert len(alone) == 3
+    assert all((tmp_path / name).read_bytes() == (tmp_path / "all" / name).read_bytes() for name in alone)
+    with pytest.raises(PerdureError, match="did you mean 'set_table'"):
+        publish(tmp_path, ["set_tabel"])

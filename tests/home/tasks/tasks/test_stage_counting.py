@@ -21,8 +21,9 @@ def story(*steps, targets=2):
     distance = np.array([row[0] for row in steps], dtype=float)
     objects = np.zeros((len(steps), targets, 3))
     objects[..., 0] = distance
-    held, drawer, fridge = (np.array([row[k] for row in steps]) for k in (1, 2, 3))
-    return WorldFacts(objects, np.zeros((targets, 3)), held, drawer.astype(float), fridge.astype(float))
+    held = np.array([row[1] for row in steps])
+    containers = {name: np.array([row[k] for row in steps], dtype=float) for k, name in ((2, "drawer"), (3, "fridge"))}
+    return WorldFacts(objects, np.zeros((targets, 3)), held, containers)
 
 
 SET_TABLE_STORY = (
@@ -139,7 +140,8 @@ def test_many_lanes_at_once_count_as_each_by_itself():
     both = WorldFacts(
         np.stack([first.object_positions, second.object_positions], axis=1),
         np.zeros((2, 3)),
-        *(np.stack([getattr(first, n), getattr(second, n)], axis=1) for n in ("held", "drawer", "fridge")),
+        np.stack([first.held, second.held], axis=1),
+        {name: np.stack([first.containers[name], second.containers[name]], axis=1) for name in first.containers},
     )
     together = latched_stages(SET_TABLE, both)
     assert (together[:, 0] == latched_stages(SET_TABLE, first)).all()
