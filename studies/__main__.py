@@ -63,34 +63,55 @@ def run(flags: StudyFlags) -> None:
         raise PerdureError(f"study {flags.name} has no scale {flags.scale!r}; its scales are {', '.join(study.SCALES)}")
     out = flags.out or study.SCALES[flags.scale] or Path("runs", f"{flags.name}-{flags.scale}")
     check_folder(out)
-    store = out / "runs"
     if flags.collect is not None:
-        if flags.name != "horizon":
-            raise PerdureError("--collect belongs to the study horizon")
-        collected = study.collect(flags.collect, out)
-        if not collected:
-            raise PerdureError(f"there is no finished training run in {flags.collect}")
-        print(f"{len(collected)} tables and policies written")
+        _collect(study, flags.collect, flags.name, out)
     elif not flags.analyze_only:
         check_on(flags.on)
-        phases = flags.phases or tuple(study.PHASES)
-        unknown = sorted(set(phases) - set(study.PHASES))
-        if unknown:
-            raise PerdureError(f"study {flags.name} has no phase {unknown[0]}; its phases are {[*study.PHASES]}")
-        units = study.plan(flags.scale, phases, store)
+        units = _planned_units(study, flags, out)
         if flags.status:
-            text = "  finished: its tables are kept, its units are not"
-            if store.is_dir() or not out.is_dir():
-                text = status_text(units, store)
-            print(f"study {flags.name}, scale {flags.scale}, in {out}\n{text}")
+            _print_status(units, flags, out)
             return
         print(f"study {flags.name}: {study.QUESTION}\nscale {flags.scale}, in {out}", flush=True)
+        store = out / "runs"
         Store(store).warn_of_other_source(unit.key for unit in units)
-        waiting = lambda: print("studies: another command is running the rest; waiting for it", file=sys.stderr)  # noqa: E731
         with show_progress(f"study {flags.name}") as observe:
-            run_missing(units, store, flags.on, flags.cores, observe, waiting)
+            run_missing(units, store, flags.on, flags.cores, observe, _say_waiting)
     written = study.analyze(flags.scale, out)
-    print(f"{len(written)} tables, figures and pages written" + "".join(f", such as {each}" for each in written[-1:]))
+    text = f"{len(written)} tables, figures and pages written"
+    if written:
+        text += f", such as {written[-1]}"
+    print(text)
+
+
+def _collect(study: Any, finished: Path, name: str, out: Path) -> None:
+    """Copy finished runs into the results; PerdureError if there is none, or the study takes none."""
+    if name != "horizon":
+        raise PerdureError("--collect belongs to the study horizon")
+    collected = study.collect(finished, out)
+    if not collected:
+        raise PerdureError(f"there is no finished training run in {finished}")
+    print(f"{len(collected)} tables and policies written")
+
+
+def _planned_units(study: Any, flags: StudyFlags, out: Path) -> list[Unit]:
+    """Return the units of the phases that were asked for; PerdureError if the study has no such phase."""
+    phases = flags.phases or tuple(study.PHASES)
+    unknown = sorted(set(phases) - set(study.PHASES))
+    if unknown:
+        raise PerdureError(f"study {flags.name} has no phase {unknown[0]}; its phases are {[*study.PHASES]}")
+    return list(study.plan(flags.scale, phases, out / "runs"))
+
+
+def _print_status(units: Sequence[Unit], flags: StudyFlags, out: Path) -> None:
+    store = out / "runs"
+    text = "  finished: its tables are kept, its units are not"
+    if store.is_dir() or not out.is_dir():
+        text = status_text(units, store)
+    print(f"study {flags.name}, scale {flags.scale}, in {out}\n{text}")
+
+
+def _say_waiting() -> None:
+    print("studies: another command is running the rest; waiting for it", file=sys.stderr)
 
 
 def status_text(units: Sequence[Unit], folder: Path) -> str:

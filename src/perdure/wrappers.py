@@ -16,6 +16,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import TimeLimit
+from numpy.typing import NDArray
 
 from perdure.disturbances import Disturber, parse_disturbances
 from perdure.errors import PerdureError
@@ -28,8 +29,9 @@ Act = TypeVar("Act")
 HORIZON_STREAM = 1
 """Spawn key of the horizons' random numbers: seeded like the environment, but a separate stream. From the same
 stream, long episodes would go with certain start states."""
-OBSERVATION, TIME_TO_GO = "observation", "time_to_go"
-SUCCESS_KEYS = ("is_success", "success")
+OBSERVATION = "observation"
+TIME_TO_GO = "time_to_go"
+SUCCESS_KEYS: tuple[str, ...] = ("is_success", "success")
 """Infos that say whether a step was successful; the first that an environment has is read."""
 
 
@@ -64,7 +66,8 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
             )
         check_end(end)
         limits = (float(each._max_episode_steps) for each in layers(env) if isinstance(each, TimeLimit))
-        if (own := min(limits, default=math.inf)) < distribution.longest:
+        own = min(limits, default=math.inf)
+        if own < distribution.longest:
             raise PerdureError(
                 f"the environment cuts its episodes after {own:g} steps, before the longest horizon "
                 f"({distribution.longest:g}): "
@@ -72,8 +75,10 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
             )
         RecordConstructorArgs.__init__(self, distribution=distribution, end=end)
         super().__init__(env)
-        self.distribution, self.end = distribution, end
-        self.horizon, self.elapsed = 0.0, 0
+        self.distribution = distribution
+        self.end = end
+        self.horizon = 0.0
+        self.elapsed = 0
         self._generator: np.random.Generator | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
@@ -81,7 +86,8 @@ class HorizonLimit(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs)
         observation, info = self.env.reset(seed=seed, options=options)
         if self._generator is None or seed is not None:
             self._generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HORIZON_STREAM,)))
-        self.horizon, self.elapsed = float(self.distribution.from_uniform(self._generator.random())), 0
+        self.horizon = float(self.distribution.from_uniform(self._generator.random()))
+        self.elapsed = 0
         return observation, info
 
     def step(self, action: Act) -> tuple[Obs, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -124,7 +130,8 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
     ) -> None:
         RecordConstructorArgs.__init__(self, embedding=embedding, clock=clock, dict=dict)
         super().__init__(env)
-        self.embedding, self.clock = embedding, clock
+        self.embedding = embedding
+        self.clock = clock
         self._limit = next((each for each in layers(env) if isinstance(each, HorizonLimit)), None)
         if clock is None and self._limit is None:
             raise PerdureError(f"the time-to-go needs a HorizonLimit below it, or a clock; {env} has neither")
@@ -149,7 +156,8 @@ class TimeToGoObservation(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstruct
         else:
             assert self._limit is not None
             time = np.float64(self._limit.elapsed), self._limit.horizon
-        phi, space = np.asarray(self.embedding(*time)), self.observation_space
+        phi = np.asarray(self.embedding(*time))
+        space = self.observation_space
         if isinstance(space, spaces.Dict):
             return {OBSERVATION: observation, TIME_TO_GO: phi.astype(space[TIME_TO_GO].dtype)}
         return np.concatenate([observation, phi], axis=-1, dtype=space.dtype)
@@ -181,19 +189,22 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     ) -> None:
         RecordConstructorArgs.__init__(self, disturbances=disturbances, seed=seed, observation_std=observation_std)
         super().__init__(env)
-        name = str(env.spec.id if env.spec else type(env.unwrapped).__name__)
+        name = type(env.unwrapped).__name__
+        if env.spec:
+            name = str(env.spec.id)
         space: Any = env.action_space
-        box = (space.low.ravel().astype(float), space.high.ravel().astype(float)) if _is_box(space) else None
-        std = None if observation_std is None else np.asarray(observation_std, float).reshape(1, -1)
-        if std is not None and not (
-            _is_box(env.observation_space) and std.size == spaces.flatdim(env.observation_space)
-        ):
-            raise PerdureError(
-                f"observation_std has {std.size} components, the observations are {env.observation_space}"
-            )
-        seeds = [int(np.random.default_rng().integers(2**31)) if seed is None else seed]
-        self._disturber = Disturber(name, parse_disturbances(disturbances), seeds, box, std, [env])
-        self._fixed, self._lane, self._elapsed = seed is not None, np.zeros(1, np.int64), np.zeros(1, np.int64)
+        box = None
+        if _is_box(space):
+            box = (space.low.ravel().astype(float), space.high.ravel().astype(float))
+        if observation_std is not None:
+            observation_std = _checked_std(observation_std, env.observation_space)
+        first = seed
+        if first is None:
+            first = int(np.random.default_rng().integers(2**31))
+        self._disturber = Disturber(name, parse_disturbances(disturbances), [first], box, observation_std, [env])
+        self._fixed = seed is not None
+        self._lane = np.zeros(1, np.int64)
+        self._elapsed = np.zeros(1, np.int64)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode with draws of its own. A seed restarts them, unless the constructor got one."""
@@ -209,7 +220,9 @@ class Disturb(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Make one step."""
         space: Any = self.env.action_space
-        given = np.asarray(action, float).reshape(1, -1) if _is_box(space) else np.zeros((1, 0))
+        given = np.zeros((1, 0))
+        if _is_box(space):
+            given = np.asarray(action, float).reshape(1, -1)
         actions = self._disturber.act(given, self._lane, self._elapsed)
         if _is_box(space):
             action = np.clip(actions.reshape(space.shape), space.low, space.high).astype(space.dtype)
@@ -229,6 +242,14 @@ def _is_box(space: Any) -> bool:
     return isinstance(space, spaces.Box)
 
 
+def _checked_std(values: Any, space: spaces.Space[Any]) -> NDArray[np.float64]:
+    """Return the spread of the components of observations, shape (1, observation_size); PerdureError if not as many."""
+    std = np.asarray(values, float).reshape(1, -1)
+    if not (_is_box(space) and std.size == spaces.flatdim(space)):
+        raise PerdureError(f"observation_std has {std.size} components, the observations are {space}")
+    return std
+
+
 class StayAtGoal(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
     """Report ``is_success`` only after so many consecutive successful steps.
 
@@ -242,7 +263,8 @@ class StayAtGoal(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
             raise PerdureError(f"steps must be at least 1, got {steps}")
         RecordConstructorArgs.__init__(self, steps=steps, key=key)
         super().__init__(env)
-        self.steps, self.key = steps, key
+        self.steps = steps
+        self.key = key
         self._stay = self._longest = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
@@ -256,7 +278,10 @@ class StayAtGoal(gymnasium.Wrapper[Obs, Act, Obs, Act], RecordConstructorArgs):
         success = read_success("StayAtGoal", info, self.key)
         if math.isnan(success):
             raise PerdureError(f"{self.env}: the info has no {' nor '.join(SUCCESS_KEYS)}: name its entry with key")
-        self._stay = self._stay + 1 if success else 0
+        if success:
+            self._stay += 1
+        else:
+            self._stay = 0
         self._longest = max(self._longest, self._stay)
         if terminated and 0 < self._stay < self.steps:
             raise PerdureError(f"{self.env} ends its episode at the goal, after {self._stay} of {self.steps} steps")
@@ -277,7 +302,9 @@ def _with_phi(space: spaces.Space[Any], size: int, as_dict: bool) -> spaces.Spac
     flat = isinstance(space, spaces.Box) and len(space.shape) == 1 and np.issubdtype(space.dtype, np.floating)
     if not (as_dict or flat):
         raise PerdureError(f"phi cannot be appended to observations in {space}: use dict=True, or flatten them first")
-    dtype = space.dtype if isinstance(space, spaces.Box) and flat else np.dtype(np.float32)
+    dtype = np.dtype(np.float32)
+    if isinstance(space, spaces.Box) and flat:
+        dtype = space.dtype
     # No bounds: an embedding need not stay in [0, 1].
     phi = spaces.Box(-np.inf, np.inf, (size,), dtype.type)
     if as_dict:
@@ -299,7 +326,9 @@ def _entry(values: Any, lane: int) -> Any:
     if isinstance(values, dict):
         return lane_info(values, lane)
     # Gymnasium makes an object array of NumPy's own bool, but not of Python's.
-    return bool(values[lane]) if values.dtype == bool else values[lane]
+    if values.dtype == bool:
+        return bool(values[lane])
+    return values[lane]
 
 
 def read_success(where: str, info: Any, key: str | None) -> float:
@@ -307,13 +336,21 @@ def read_success(where: str, info: Any, key: str | None) -> float:
 
     It reads the entry `key`, or PerdureError beginning with `where`; None: one of `SUCCESS_KEYS` that is True or False.
     """
-    entries = info if isinstance(info, dict) else {}
-    for value in (np.asarray(entries[name]) for name in (SUCCESS_KEYS if key is None else (key,)) if name in entries):
+    entries: dict[str, Any] = {}
+    if isinstance(info, dict):
+        entries = info
+    names = SUCCESS_KEYS
+    if key is not None:
+        names = (key,)
+    for name in names:
+        if name not in entries:
+            continue
+        value = np.asarray(entries[name])
         if value.size == 1 and value.dtype.kind in "fiub" and value.item() in (0, 1):
             return float(value.item())
     if key is None:
         return math.nan
-    found = (
-        f"is {entries[key]!r}" if key in entries else f"is missing; there are {', '.join(map(str, entries)) or 'none'}"
-    )
+    found = f"is missing; there are {', '.join(map(str, entries)) or 'none'}"
+    if key in entries:
+        found = f"is {entries[key]!r}"
     raise PerdureError(f"{where}: info[{key!r}] must be True or False after every step, it {found}")

@@ -14,11 +14,12 @@ import polars as pl
 
 from perdure.stats import FloatArray
 from studies.cure.grid import ANT_SEEDS, BASE, BASE_SEEDS
-from studies.disturbance.claims import GAIN, LEVEL, SCALE, Sides, difference, permutation_p
+from studies.disturbance.claims import GAIN, LEVEL, SCALE, Sides, difference, permutation_p, run_counts
 from studies.disturbance.grid import TASKS
 
 RESAMPLES = 100_000
-STANDARD, CALM = "standard-1", "calm"
+STANDARD = "standard-1"
+CALM = "calm"
 ANT = ("Ant-v3",)
 
 
@@ -90,11 +91,14 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     for number, claim in enumerate(CLAIMS, 1):
         here = runs.filter(condition=claim.condition)
         sides = {task: _sides(here.filter(task=task), claim) for task in claim.tasks}
-        complete = all(len(side) == len(claim.seeds) for pair in sides.values() for side in pair)
-        present = {task: pair for task, pair in sides.items() if all(len(side) > 1 for side in pair)}
-        for task, pair in present.items():
-            rows.append(_row(number, claim, task, {task: pair}, here))
-        if not complete:
+
+        # A row for each task that has several runs of both sides.
+        for task, pair in sides.items():
+            if min(run_counts([pair])) > 1:
+                rows.append(_row(number, claim, task, {task: pair}, here))
+
+        # The mean over tasks, which decides.
+        if set(run_counts(sides.values())) != {len(claim.seeds)}:
             rows.append({"claim": number, "left": claim.left, "right": claim.right, "decision": "runs are missing"})
             ended = True
             continue
@@ -125,7 +129,9 @@ def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl
     pairs = list(sides.values())
     rng = np.random.default_rng(number)
     low, high = np.quantile(_bootstrap(pairs, claim.paired, rng), (0.025, 0.975))
-    test = sign_flip_p if claim.paired else permutation_p
+    test = permutation_p
+    if claim.paired:
+        test = sign_flip_p
     there = runs.filter(pl.col("task").is_in(list(sides)))
     speeds = dict(there.group_by("arm").agg(pl.col("speed").mean()).iter_rows())
     return {
@@ -135,7 +141,7 @@ def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl
         "condition": claim.condition,
         "measure": claim.measure,
         "task": task,
-        "runs": min(len(side) for pair in pairs for side in pair),
+        "runs": min(run_counts(pairs)),
         "left mean": float(np.mean([left.mean() for left, _ in pairs])),
         "right mean": float(np.mean([right.mean() for _, right in pairs])),
         "left speed": speeds[claim.left],
@@ -167,6 +173,8 @@ def _bootstrap(pairs: list[Sides], paired: bool, rng: np.random.Generator) -> Fl
     drawn = np.zeros(RESAMPLES)
     for left, right in pairs:
         of_left = rng.integers(len(left), size=(RESAMPLES, len(left)))
-        of_right = of_left if paired else rng.integers(len(right), size=(RESAMPLES, len(right)))
+        of_right = of_left
+        if not paired:
+            of_right = rng.integers(len(right), size=(RESAMPLES, len(right)))
         drawn += (left[of_left].mean(axis=1) - right[of_right].mean(axis=1)) / len(pairs)
     return drawn

@@ -31,8 +31,9 @@ CONTINUED_STEPS = 300_000
 LONG_GAMMA = 0.999
 CONTINUED_LOG_STD = {"HalfCheetah-v3": -1.5}
 """Log standard deviation with which training continues; -1 on other tasks. The preset of HalfCheetah starts at -2."""
-FIRST_START, STARTS = 3000, 5
-"""Start states 3000 to 3004, as in the study of disturbances."""
+FIRST_START = 3000
+"""First of the start states, as in the study of disturbances."""
+STARTS = 5
 
 STANDARD = Condition("standard-1", ("standard-1",), 10_000)
 PUSHES = Condition("pushes of 0.5 m/s", ("push:0.5",), 10_000)
@@ -64,7 +65,9 @@ class Arm:
 
     def run(self, task: str) -> TrainRun:
         """Return the training runs on a task, which `perdure train` repeats."""
-        start = POLICIES / task / variant(BASE, task) if self.continued else None
+        start = None
+        if self.continued:
+            start = POLICIES / task / variant(BASE, task)
         preset = usual_preset(task)
         return TrainRun(
             task,
@@ -124,7 +127,9 @@ ARMS = (
 def variant(name: str, task: str) -> str:
     """Return the folder of a kind of run on a task, such as "ppo@cleanrl"."""
     preset = usual_preset(task)
-    return name if preset == ZOO else f"{name}@{preset}"
+    if preset == ZOO:
+        return name
+    return f"{name}@{preset}"
 
 
 def cells(phases: Sequence[int]) -> Iterator[tuple[Arm, str]]:

@@ -6,7 +6,9 @@ their order at 5 %; the first that fails ends the decisions.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,13 +22,16 @@ Sides = tuple[FloatArray, FloatArray]
 """Of a task: a value for each training run of the left method, and of the right."""
 LEVEL = 0.05
 RESAMPLES = 20_000
-POWER_SAMPLES, POWER_RESAMPLES = 200, 999
+POWER_SAMPLES = 200
+POWER_RESAMPLES = 999
 LEAST_GAIN = 0.25
 """Of discounted PPO's mean calm gain: a run below it stands rather than works, and its working share is 0."""
 GAIN = pl.col("training_rate") - pl.col("idle_rate")
 SCALE = pl.col("published_rate") - pl.col("idle_rate")
 """A published policy's gain per step over an idle robot."""
-NOISE, PUSHES, CALM = "action noise 0.1", "pushes of 0.5 m/s", "calm"
+NOISE = "action noise 0.1"
+PUSHES = "pushes of 0.5 m/s"
+CALM = "calm"
 
 
 @dataclass(frozen=True)
@@ -71,21 +76,56 @@ def claims_table(episodes: pl.DataFrame) -> pl.DataFrame:
     Args:
         episodes: Rows of the frozen table of fresh runs: a row for each episode.
     """
-    runs, rows, ended = measure_runs(episodes), [], False
+    runs = measure_runs(episodes)
+    rows: list[dict[str, Any]] = []
+    ended = False
     for number, claim in enumerate(CLAIMS, 1):
         here = runs.filter(condition=claim.condition)
         sides = sides_by_task(runs, claim)
-        complete = len(sides) == len(TASKS) and all(len(side) == 10 for pair in sides.values() for side in pair)
-        rows += [_row(number, claim, task, {task: pair}, here.filter(task=task)) for task, pair in sides.items()]
-        if len(sides) > 1 and all(len(side) > 1 for pair in sides.values() for side in pair):
+        sizes = run_counts(sides.values())
+        complete = len(sides) == len(TASKS) and set(sizes) == {10}
+
+        # A row for each task.
+        for task, pair in sides.items():
+            rows.append(_row(number, claim, task, {task: pair}, here.filter(task=task)))
+
+        # Their mean, which decides.
+        if len(sides) > 1 and min(sizes) > 1:
             row = _row(number, claim, ", ".join(sides), sides, here.filter(pl.col("task").is_in(list(sides))))
-            won = row["lower 5 %"] > -claim.margin if claim.margin else row["p"] <= LEVEL
-            decision = "not tested" if ended else "supported" if won else "not shown"
-            decided = decision if complete else "runs are missing"
-            rows.append(row | {"decision": decided if claim.registered else "unregistered"})
+            won = _is_won(claim, row)
+            row["decision"] = _decision(claim, complete, ended, won)
+            rows.append(row)
             ended = ended or not won
         ended = ended or not complete
     return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def run_counts(pairs: Iterable[Sides]) -> list[int]:
+    """Return the number of training runs of each side of each task."""
+    counts = []
+    for left, right in pairs:
+        counts += [len(left), len(right)]
+    return counts
+
+
+def _is_won(claim: Claim, row: dict[str, Any]) -> bool:
+    """Return whether the mean over tasks, a row of the table, supports a claim."""
+    if claim.margin:
+        return bool(row["lower 5 %"] > -claim.margin)
+    return bool(row["p"] <= LEVEL)
+
+
+def _decision(claim: Claim, complete: bool, ended: bool, won: bool) -> str:
+    """Return the word for a claim; `ended`: a claim before it failed."""
+    if not claim.registered:
+        return "unregistered"
+    if not complete:
+        return "runs are missing"
+    if ended:
+        return "not tested"
+    if won:
+        return "supported"
+    return "not shown"
 
 
 def sides_by_task(runs: pl.DataFrame, claim: Claim) -> dict[str, Sides]:
@@ -134,13 +174,17 @@ def measure_runs(episodes: pl.DataFrame, least_gain: float = LEAST_GAIN) -> pl.D
 def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl.DataFrame) -> dict[str, Any]:
     by_task = runs.group_by("task", "method").agg(pl.col("speed").mean())
     speeds = dict(by_task.group_by("method").agg(pl.col("speed").mean()).iter_rows())
-    pairs, rng = list(sides.values()), np.random.default_rng(number)
+    pairs = list(sides.values())
+    rng = np.random.default_rng(number)
     low, lower, high = np.quantile(resampled_difference(pairs, rng), (0.025, LEVEL, 0.975))
-    return {
+    row = {
         "claim": number,
-        **{name: getattr(claim, name) for name in ("left", "right", "condition", "measure")},
+        "left": claim.left,
+        "right": claim.right,
+        "condition": claim.condition,
+        "measure": claim.measure,
         "task": task,
-        "runs": min(len(side) for pair in pairs for side in pair),
+        "runs": min(run_counts(pairs)),
         "left mean": np.mean([left.mean() for left, _ in pairs]),
         "right mean": np.mean([right.mean() for _, right in pairs]),
         "left speed": speeds[claim.left],
@@ -150,9 +194,12 @@ def _row(number: int, claim: Claim, task: str, sides: dict[str, Sides], runs: pl
         "high": high,
         "lower 5 %": lower,
         "p": permutation_p(pairs, rng, RESAMPLES, claim.two_sided),
-        "power": power(pairs, claim, rng) if len(pairs) > 1 else None,
+        "power": None,
         "decision": None,
     }
+    if len(pairs) > 1:
+        row["power"] = power(pairs, claim, rng)
+    return row
 
 
 def _resampled(values: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -177,7 +224,10 @@ def permutation_p(pairs: list[Sides], rng: np.random.Generator, resamples: int, 
         pooled = rng.permuted(np.tile(np.concatenate([left, right]), (resamples, 1)), axis=1)
         drawn += (pooled[:, : len(left)].mean(axis=1) - pooled[:, len(left) :].mean(axis=1)) / len(pairs)
     observed = difference(pairs)
-    reached = np.abs(drawn) >= abs(observed) - 1e-12 if two_sided else drawn >= observed - 1e-12
+    if two_sided:
+        reached = np.abs(drawn) >= abs(observed) - 1e-12
+    else:
+        reached = drawn >= observed - 1e-12
     return float((1 + reached.sum()) / (1 + resamples))
 
 
@@ -187,7 +237,8 @@ def power(pairs: list[Sides], claim: Claim, rng: np.random.Generator) -> float:
     for _ in range(POWER_SAMPLES):
         drawn = [(rng.choice(left, len(left)), rng.choice(right, len(right))) for left, right in pairs]
         if claim.margin:
-            error = np.sqrt(sum(side.var(ddof=1) / len(side) for pair in drawn for side in pair)) / len(drawn)
+            variances = [side.var(ddof=1) / len(side) for side in chain(*drawn)]
+            error = np.sqrt(sum(variances)) / len(drawn)
             passed += difference(drawn) - 1.645 * error > -claim.margin
         else:
             passed += permutation_p(drawn, rng, POWER_RESAMPLES, claim.two_sided) <= LEVEL

@@ -12,8 +12,12 @@ TASKS = ("Hopper-v3", "Walker2d-v3", "HalfCheetah-v3")
 """Of the registered claims: those that some policy fails."""
 ROBOTS = (*TASKS, "Swimmer-v3")
 LEFT_OUT = (
-    *("Hopper-v3/ppo", "Hopper-v3/geometric"),  # RL Zoo's settings, under which most policies stand still
-    *("Hopper-v3/ppo-short@cleanrl", "Walker2d-v3/ppo-short@cleanrl"),  # trained when all episodes had been run
+    # RL Zoo's settings, under which most policies stand still.
+    "Hopper-v3/ppo",
+    "Hopper-v3/geometric",
+    # Trained when all episodes had been run.
+    "Hopper-v3/ppo-short@cleanrl",
+    "Walker2d-v3/ppo-short@cleanrl",
 )
 FIRST_START = 3000
 """First of the start states. The horizon study uses 1000 to 2009, the choice of `standard-1` 4000 to 4003
@@ -38,7 +42,8 @@ class Condition:
 
     def disturbs(self, task: str) -> tuple[str, ...]:
         """Return what is applied to a task."""
-        return tuple(FAST_PUSH.get(task, "push:0.5") if each == "push" else each for each in self.disturb)
+        push = FAST_PUSH.get(task, "push:0.5")
+        return tuple({"push": push}.get(each, each) for each in self.disturb)
 
 
 CONDITIONS = (

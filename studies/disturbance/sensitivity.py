@@ -17,6 +17,7 @@ from studies.disturbance.claims import (
     difference,
     measure_runs,
     resampled_difference,
+    run_counts,
     sides_by_task,
 )
 
@@ -46,10 +47,12 @@ def threshold_table(episodes: pl.DataFrame) -> pl.DataFrame:
 
 def work_table(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return the effect of each claim about working shares by other measures, on each task and their mean."""
-    runs, rows = measure_runs(episodes), list[dict[str, Any]]()
+    runs = measure_runs(episodes)
+    rows: list[dict[str, Any]] = []
     for number, claim in DISTURBED_CLAIMS:
         for measure in MEASURES:
-            rows += [{"claim": number, **row} for row in _rows_by_task(runs, replace(claim, measure=measure))]
+            for row in _rows_by_task(runs, replace(claim, measure=measure)):
+                rows.append({"claim": number, **row})
     return pl.DataFrame(rows)
 
 
@@ -71,7 +74,7 @@ def _row(claim: Claim, task: str, pairs: list[Sides]) -> dict[str, Any]:
         "condition": claim.condition,
         "measure": claim.measure,
         "task": task,
-        "runs": min(len(side) for pair in pairs for side in pair),
+        "runs": min(run_counts(pairs)),
         "left mean": np.mean([left.mean() for left, _ in pairs]),
         "right mean": np.mean([right.mean() for _, right in pairs]),
         "effect": difference(pairs),

@@ -25,24 +25,48 @@ from studies.files import include_tables, read_parquet_file, write_csv, write_pa
 
 QUESTION = "Do policies that hold when calm hold under disturbances, and does the verdict foresee new ones?"
 SCALES = {"thesis": Path("results", "disturbance")}
-EPISODES, FRESH, PILOTS, ROWS = "episodes.parquet", "registered.parquet", "pilots.parquet", "rows.parquet"
+EPISODES = "episodes.parquet"
+FRESH = "registered.parquet"
+PILOTS = "pilots.parquet"
+ROWS = "rows.parquet"
+CELL = ("task", "method", "condition")
 PHASES = {1: EPISODES, 2: FRESH, 3: PILOTS}
 """Number to the frozen table of its episodes."""
 COLUMNS = (
-    *("task", "train_seed", "clock", "eval_seed", "disturbance", "test_horizon", "end_reason", "end_step", "outcome"),
-    *("failed_step", "end_score_vs_training", "idle_rate", "training_rate", "published_rate", "policy_state", "return"),
+    "task",
+    "train_seed",
+    "clock",
+    "eval_seed",
+    "disturbance",
+    "test_horizon",
+    "end_reason",
+    "end_step",
+    "outcome",
+    "failed_step",
+    "end_score_vs_training",
+    "idle_rate",
+    "training_rate",
+    "published_rate",
+    "policy_state",
+    "return",
 )
 """Columns of the evaluation table that are kept, for each episode once."""
 
 
 def plan(scale: str, phases: Sequence[int], store: Path) -> list[Unit]:
     """Return the units: all committed policies (1), the runs of the registered claims (2), pilots of a cure (3)."""
-    return [_unit(*each) for phase in phases for each in _cells(phase)]
+    units = []
+    for phase in phases:
+        units += [_unit(*each) for each in _cells(phase)]
+    return units
 
 
 def _cells(phase: int) -> Iterator[tuple[str, Condition, Subject]]:
     """Yield the key of each cell of a phase's grid, and the cell."""
-    (conditions, robots, seeds), folder = GRIDS[phase], "" if phase == 1 else f"{Path(PHASES[phase]).stem}/"
+    conditions, robots, seeds = GRIDS[phase]
+    folder = ""
+    if phase != 1:
+        folder = f"{Path(PHASES[phase]).stem}/"
     for condition, subject in product(conditions, list(subjects(robots, seeds))):
         if not condition.world or condition.world.startswith(f"gymnasium:{subject.task[:-1]}"):
             name = condition.name.replace(" ", "-")
@@ -67,7 +91,8 @@ def evaluate(
     work: Work, *, paths: Sequence[str], disturb: Sequence[str], steps: int, first: int, starts: int, world: str
 ) -> None:
     """Evaluate policies in this process and leave a row for each episode; the function of the units."""
-    store, files = work.folder / "episodes", [Path(path) for path in paths]
+    store = work.folder / "episodes"
+    files = [Path(path) for path in paths]
     if world:
         files = [_moved(path, world, work.folder / path.name) for path in files]
     evaluation = Extrapolation(
@@ -87,16 +112,21 @@ def _moved(path: Path, world: str, to: Path) -> Path:
 
 def collect(finished: Store, phase: int, frozen: Path) -> None:
     """Copy the rows of a phase's finished units into a frozen table; rows of others stay."""
-    parts, cell = list[pl.DataFrame](), ("task", "method", "condition")
+    parts = []
     for key, condition, subject in _cells(phase):
         if finished.done(key):
-            named = dict(zip(cell, map(pl.lit, (subject.task, subject.variant, condition.name)), strict=True))
-            parts.append(read_parquet_file(finished.get(key) / ROWS).with_columns(**named))
+            rows = read_parquet_file(finished.get(key) / ROWS)
+            parts.append(
+                rows.with_columns(
+                    task=pl.lit(subject.task), method=pl.lit(subject.variant), condition=pl.lit(condition.name)
+                )
+            )
     if parts:
         rows = pl.concat(parts, how="diagonal")
         if frozen.is_file():
-            rows = pl.concat([rows, read_parquet_file(frozen).join(rows, cell, "anti")], how="diagonal")
-        write_parquet_file(frozen, rows.sort(*cell, "train_seed", "eval_seed"))
+            others = read_parquet_file(frozen).join(rows, CELL, "anti")
+            rows = pl.concat([rows, others], how="diagonal")
+        write_parquet_file(frozen, rows.sort(*CELL, "train_seed", "eval_seed"))
 
 
 def analyze(scale: str, out: Path) -> list[Path]:
@@ -114,15 +144,20 @@ def analyze(scale: str, out: Path) -> list[Path]:
         raise PerdureError(f"there are no results of the study disturbance in {out}; run it first")
     tables = all_tables(read_parquet_file(out / EPISODES))
     tables["cure"] = cure_table(read_parquet_file(out / EPISODES), "0 to 9")
-    fresh = read_parquet_file(out / FRESH) if (out / FRESH).is_file() else None
-    if fresh is not None:
+    fresh = None
+    if (out / FRESH).is_file():
+        fresh = read_parquet_file(out / FRESH)
         tables["claims"] = claims_table(fresh)
         tables["methods"] = method_table(measure_runs(fresh))
         tables["thresholds"] = threshold_table(fresh)
         tables["work"] = work_table(fresh)
-        pilots = [cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh)] if (out / PILOTS).is_file() else []
-        tables["cure"] = pl.concat([tables["cure"], cure_table(fresh, "10 to 19"), *pilots], how="diagonal")
+        cures = [tables["cure"], cure_table(fresh, "10 to 19")]
+        if (out / PILOTS).is_file():
+            cures.append(cure_table(read_parquet_file(out / PILOTS), "20 to 22", fresh))
+        tables["cure"] = pl.concat(cures, how="diagonal")
     written = [write_csv(out / "tables" / f"{name}.csv", frame) for name, frame in tables.items()]
     written += save(draw_figures(tables, fresh), out / "figures", ("svg",))
     page = out / "README.md"
-    return [*written, include_tables(page, page_tables(tables))] if page.is_file() else written
+    if page.is_file():
+        written.append(include_tables(page, page_tables(tables)))
+    return written

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -13,7 +14,7 @@ from perdure.report.estimates import HOLDING_SHARE
 from perdure.report.outcomes import WORKED, Holds
 from perdure.stats import FloatArray, compare_with, mean_interval, median_time
 from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
-from studies.disturbance.grid import CONDITIONS, TASKS
+from studies.disturbance.grid import CONDITIONS, TASKS, Condition
 from studies.horizon.grid import METHODS
 
 THRESHOLDS = (0.5, 0.65, 0.75, 0.85)
@@ -56,18 +57,24 @@ def all_tables(episodes: pl.DataFrame) -> dict[str, pl.DataFrame]:
 
 def left_table(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return episodes left and working share of each task, method and condition, with 95 % intervals over runs."""
+    conditions = [condition.name for condition in CONDITIONS]
+    methods = [*METHODS, *sorted(set(episodes["method"]) - set(METHODS))]
+
+    def order(key: tuple[Any, ...]) -> tuple[Any, ...]:
+        task, preset, condition, method = key
+        return task, preset, conditions.index(condition), methods.index(method)
+
     rows = []
-    order = {name: place for place, name in enumerate([*METHODS, *sorted(set(episodes["method"]) - set(METHODS))])}
-    names = [condition.name for condition in CONDITIONS]
     groups = episodes.partition_by("task", "preset", "condition", "method", as_dict=True)
-    for key, part in sorted(
-        groups.items(), key=lambda each: (each[0][0], each[0][1], names.index(str(each[0][2])), order[str(each[0][3])])
-    ):
-        rng = np.random.default_rng(0)  # for each row anew: no interval depends on which others there are
+    for key in sorted(groups, key=order):
+        part = groups[key]
         task, preset, condition, method = map(str, key)
+        rng = np.random.default_rng(0)  # for each row anew: no interval depends on which others there are
         held = part.group_by("train_seed").agg(pl.col("holds").mean())
-        values, runs = part.select(pl.col("left").cast(pl.Float64), "works"), part["train_seed"].to_numpy()
-        share, working = (mean_interval(each.to_numpy(), runs, rng).within(0.0, 1.0) for each in values)
+        runs = part["train_seed"].to_numpy()
+        left = part["left"].cast(pl.Float64).to_numpy()
+        share = mean_interval(left, runs, rng).within(0.0, 1.0)
+        working = mean_interval(part["works"].to_numpy(), runs, rng).within(0.0, 1.0)
         rows.append(
             {
                 "task": task,
@@ -98,9 +105,11 @@ def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
     holds had a greater share than a run that fails; ties count half. Intervals: bootstrap over training runs.
     AUC within a task compares runs of one task and preset only.
     """
-    rows, rng = [], np.random.default_rng(0)
+    rows = []
+    rng = np.random.default_rng(0)
     new = [each for each in CONDITIONS if each.name not in PREDICTORS]
     for threshold in THRESHOLDS:
+        # A row for each training run, a column for each condition: the share of its episodes that hold.
         enough = pl.col("end_score_vs_training").is_between(threshold, np.inf)  # nan >= threshold is true in Polars
         holds = pl.col("left") & (pl.col("policy_state") == WORKED) & enough
         shares = (
@@ -111,26 +120,33 @@ def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
         )
         if {"calm", "standard-1"} <= set(shares.columns):
             shares = shares.with_columns(both=(pl.col("calm") + pl.col("standard-1")) / 2)
-        for condition in (each for each in new if each.name in shares.columns):
-            for predictor in (each for each in PREDICTORS if each in shares.columns):
+        # What each predictor foresees of each new condition.
+        for condition, predictor in product(new, PREDICTORS):
+            if {condition.name, predictor} <= set(shares.columns):
                 known = shares.drop_nulls([condition.name, predictor])
-                score, held = known[predictor].to_numpy(), known[condition.name].to_numpy() > 0.5
-                low, high = _bootstrap(score, held, rng)
-                rows.append(
-                    {
-                        "threshold": threshold,
-                        "new condition": condition.name,
-                        "in standard-1": "no" if condition.held_out else "weaker",
-                        "verdict": predictor,
-                        "runs": len(known),
-                        "runs that fail": int((~held).sum()),
-                        "AUC": auc(score, held),
-                        "low": low,
-                        "high": high,
-                        "AUC within a task": auc(score, held, known["task", "preset"].hash_rows().to_numpy()),
-                    }
-                )
+                rows.append({"threshold": threshold, **_foresight(known, condition, predictor, rng)})
     return pl.DataFrame(rows)
+
+
+def _foresight(runs: pl.DataFrame, condition: Condition, predictor: str, rng: np.random.Generator) -> dict[str, object]:
+    """Return a row of the table of foresight, from a row for each training run."""
+    score = runs[predictor].to_numpy()
+    held = runs[condition.name].to_numpy() > 0.5
+    low, high = _bootstrap(score, held, rng)
+    in_standard = "weaker"
+    if condition.held_out:
+        in_standard = "no"
+    return {
+        "new condition": condition.name,
+        "in standard-1": in_standard,
+        "verdict": predictor,
+        "runs": len(runs),
+        "runs that fail": int((~held).sum()),
+        "AUC": auc(score, held),
+        "low": low,
+        "high": high,
+        "AUC within a task": auc(score, held, runs["task", "preset"].hash_rows().to_numpy()),
+    }
 
 
 def auc(score: FloatArray, held: np.ndarray, group: np.ndarray | None = None) -> float:
@@ -141,24 +157,30 @@ def auc(score: FloatArray, held: np.ndarray, group: np.ndarray | None = None) ->
     above = score[held][:, None] - score[~held][None, :]
     if group is not None:
         above = above[group[held][:, None] == group[~held][None, :]]
-    return float((np.sign(above) + 1.0).mean() / 2.0) if above.size else float("nan")
+    if not above.size:
+        return float("nan")
+    return float((np.sign(above) + 1.0).mean() / 2.0)
 
 
 def _bootstrap(score: FloatArray, held: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
     drawn = rng.integers(len(score), size=(RESAMPLES, len(score)))
     found = np.array([auc(score[rows], held[rows]) for rows in drawn])
     found = found[np.isfinite(found)]
-    return (float(np.quantile(found, 0.025)), float(np.quantile(found, 0.975))) if found.size else (np.nan, np.nan)
+    if not found.size:
+        return (np.nan, np.nan)
+    return (float(np.quantile(found, 0.025)), float(np.quantile(found, 0.975)))
 
 
 def draw_figures(tables: Mapping[str, pl.DataFrame], fresh: pl.DataFrame | None = None) -> Iterator[Figure]:
     """Draw how long policies work: earlier runs, calm and under noise, and fresh ones (episodes), disturbed."""
     note = "Bars: 95 % intervals over training runs ({}), five start states each. Failure: as the verdict has it."
-    title, left = "How long policies work, ", tables["left"].filter(MAIN)
-    yield _figure("working", title + "calm and under action noise", left, DRAWN, DRAWN_UNDER, note.format("3 to 10"))
+    left = tables["left"].filter(MAIN)
+    title = "How long policies work, calm and under action noise"
+    yield _figure("working", title, left, DRAWN, DRAWN_UNDER, note.format("3 to 10"))
     if fresh is not None:
-        drawn = fresh_shares(measure_runs(fresh)), FRESH_DRAWN, (NOISE, PUSHES)
-        yield _figure("fresh", title + "disturbed", *drawn, note.format("10") + " A run that stands: 0.")
+        shares = fresh_shares(measure_runs(fresh))
+        note = note.format("10") + " A run that stands: 0."
+        yield _figure("fresh", "How long policies work, disturbed", shares, FRESH_DRAWN, (NOISE, PUSHES), note)
 
 
 def fresh_shares(runs: pl.DataFrame) -> pl.DataFrame:
@@ -179,8 +201,10 @@ def method_table(runs: pl.DataFrame) -> pl.DataFrame:
         row = {"task": task, "method": METHODS[str(method)], "runs": part["train_seed"].n_unique()}
         for name, (condition, measure) in FRESH_MEASURES.items():
             found = compare_with(part.filter(condition=condition)[measure], 0.0)
-            bounds = (0.0, 1.0) if measure == SHARE else (-np.inf, np.inf)
-            low, high = np.clip((found.lower, found.upper), *bounds)
+            low = found.lower
+            high = found.upper
+            if measure == SHARE:
+                low, high = np.clip((low, high), 0.0, 1.0)
             row |= {name: found.estimate, f"{name} low": low, f"{name} high": high}
         rows.append(row)
     return pl.DataFrame(rows, infer_schema_length=None)
@@ -197,9 +221,18 @@ def _figure(
         mine = (
             rows.join(found, rows.columns, "left", maintain_order="left").with_row_index().drop_nulls("working share")
         )
-        middle, low, high = (mine[f"working {each}"].to_numpy() for each in ("share", "low", "high"))
-        points = Points(METHODS[method], mine["index"].to_list(), middle, style(place), low, high)
-        series += [points] * bool(len(mine))
+        if mine.is_empty():
+            continue
+        series.append(
+            Points(
+                METHODS[method],
+                mine["index"].to_list(),
+                mine["working share"].to_numpy(),
+                style(place),
+                mine["working low"].to_numpy(),
+                mine["working high"].to_numpy(),
+            )
+        )
     labels = [f"{task.removesuffix('-v3')}, {each.removeprefix('action ')}" for task, each in rows.iter_rows()]
     chart = point_chart(labels, series, Axis("steps before failure, as a share of 10,000", low=0.0, high=1.0))
     return Figure(name, title, chart, note)
@@ -229,7 +262,12 @@ def page_tables(tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
         rare = tables["cure"].filter(MAIN, pl.col("low") > 1, pl.col("speed against PPO") > 0.5, pl.col("runs") > 2)
         ratio = pl.format("{} [{}, {}]", *(pl.col(name).round(1) for name in ("ratio to PPO", "low", "high")))
         found["cure"] = rare.select(
-            *("seeds", "task", "method", "runs", "failures", pl.col("steps between failures").cast(pl.Int64)),
+            "seeds",
+            "task",
+            "method",
+            "runs",
+            "failures",
+            pl.col("steps between failures").cast(pl.Int64),
             ratio.alias("ratio to PPO"),
             pl.col("speed against PPO").round(2),
         )

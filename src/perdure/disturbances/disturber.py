@@ -115,7 +115,8 @@ def _simulators(name: str, environments: Sequence[Any], needing: Sequence[str], 
 
     found = []
     for env in environments:
-        model, data = getattr(env.unwrapped, "model", None), getattr(env.unwrapped, "data", None)
+        model = getattr(env.unwrapped, "model", None)
+        data = getattr(env.unwrapped, "data", None)
         if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData):
             found.append(Simulator(env.unwrapped, model, data))
     if len(found) < lanes:
@@ -136,7 +137,9 @@ class _Models:
         self._acting = np.tile(np.array(at_first, bool)[:, None], len(simulators))
         """Whether each effect acts in each lane, shape (effects, lanes)."""
         self._is_timed = any(effect.disturbance.is_timed for effect in effects)
-        self._originals = [_Original(each.model) for each in simulators] if self._is_timed else []
+        self._originals: list[_Original] = []
+        if self._is_timed:
+            self._originals = [_Original(each.model) for each in simulators]
         if effects:
             for lane in range(len(simulators)):
                 self._change(lane)
@@ -176,11 +179,13 @@ class _Original:
     """The numbers of a model, to be put back: its arrays but those of `_ASSETS`, its options and its statistics."""
 
     def __init__(self, model: Any) -> None:
-        self._arrays = list[tuple[Any, Any]]()
-        self._numbers = list[tuple[Any, str, float]]()
+        self._arrays: list[tuple[Any, Any]] = []
+        self._numbers: list[tuple[Any, str, float]] = []
         for owner in (model, model.opt, model.stat):
             for name in dir(owner):
-                value = None if name.startswith(_ASSETS) else getattr(owner, name)
+                if name.startswith(_ASSETS):
+                    continue
+                value = getattr(owner, name)
                 if isinstance(value, np.ndarray):
                     self._arrays.append((value, value.copy()))
                 elif isinstance(value, int | float) and owner is not model:

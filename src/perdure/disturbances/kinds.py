@@ -38,7 +38,8 @@ class Noise(Effect):
         rows = elapsed % BLOCK
         if not rows.all():
             for at in np.flatnonzero(rows == 0):
-                lane, block = int(lanes[at]), int(elapsed[at]) // BLOCK
+                lane = int(lanes[at])
+                block = int(elapsed[at]) // BLOCK
                 normal = self.robots.generator(self.name, lane, block).standard_normal((BLOCK, self.size))
                 self._drawn[lane] = self.level * self.spread(lane) * normal
         drawn: FloatArray = self._drawn[lanes, rows]
@@ -288,7 +289,8 @@ class Slope(Effect):
 
     def change_model(self, model: Any) -> None:
         """Turn gravity."""
-        angle, down = np.radians(self.level), float(np.linalg.norm(model.opt.gravity))
+        angle = np.radians(self.level)
+        down = float(np.linalg.norm(model.opt.gravity))
         model.opt.gravity[:] = -down * np.sin(angle), 0.0, -down * np.cos(angle)
 
 
@@ -331,7 +333,7 @@ def horizontal_velocities(model: Any) -> IntArray:
     """
     import mujoco
 
-    numbers = list[int]()
+    numbers: list[int] = []
     for joint in np.flatnonzero(model.jnt_bodyid == 1):
         first = int(model.jnt_dofadr[joint])
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:

@@ -84,7 +84,9 @@ class Disturbance:
         level = f"{self.name}:{self.level:g}"
         if not self.is_timed:
             return level
-        return f"{level}@{self.onset}" + ("" if self.duration is None else f"+{self.duration}")
+        if self.duration is None:
+            return f"{level}@{self.onset}"
+        return f"{level}@{self.onset}+{self.duration}"
 
     def acts(self, elapsed: IntArray) -> BoolArray:
         """Return whether it acts in a step, shape (n,).
@@ -92,8 +94,10 @@ class Disturbance:
         Args:
             elapsed: Steps before this one, shape (n,).
         """
-        end = np.inf if self.duration is None else self.onset + self.duration
-        return (elapsed >= self.onset) & (elapsed < end)
+        begun = elapsed >= self.onset
+        if self.duration is None:
+            return begun
+        return begun & (elapsed < self.onset + self.duration)
 
 
 def split_text(text: str) -> tuple[str, str, str]:
@@ -125,7 +129,10 @@ def parse_disturbance(text: str) -> Disturbance:
             f"the time of a disturbance is written @ONSET or @ONSET+DURATION in steps, for example push:0.5@2000+500; "
             f"got {text!r}"
         )
-    return Disturbance(name, number, int(found[1]), None if found[2] is None else int(found[2]))
+    duration = None
+    if found[2] is not None:
+        duration = int(found[2])
+    return Disturbance(name, number, int(found[1]), duration)
 
 
 def parse_disturbances(texts: Sequence[str]) -> tuple[Disturbance, ...]:
@@ -138,7 +145,9 @@ def parse_disturbances(texts: Sequence[str]) -> tuple[Disturbance, ...]:
         return ()
     if CALM in texts:
         raise PerdureError(f"{CALM} cannot be combined with disturbances: {' '.join(texts)}")
-    found = [parse_disturbance(each) for text in texts for each in STANDARDS.get(text, (text,))]
+    found: list[Disturbance] = []
+    for text in texts:
+        found += map(parse_disturbance, STANDARDS.get(text, (text,)))
     if len({each.name for each in found}) < len(found):
         raise PerdureError(f"one kind of disturbance is named twice: {', '.join(each.label for each in found)}")
     return tuple(sorted(found, key=lambda each: each.name))
@@ -159,7 +168,9 @@ def check_onsets(disturbances: Sequence[Disturbance], steps: float) -> None:
 def neutral_level(name: str) -> float:
     """Return the level of a kind that changes nothing; 0 for a kind that is not installed here."""
     kind = Effect.kinds().get(name)
-    return 0.0 if kind is None else kind.neutral
+    if kind is None:
+        return 0.0
+    return kind.neutral
 
 
 def examples() -> str:
@@ -194,17 +205,18 @@ class Robots:
         self.seeds = list(seeds)
         self.episodes = np.zeros(len(self.seeds), np.int64)
         """Episodes begun in each lane: each one has its own draws."""
-        empty = np.zeros(0)
-        self.low, self.high = (empty, empty) if box is None else box
+        if box is None:
+            box = (np.zeros(0), np.zeros(0))
+        self.low, self.high = box
         """Lowest and highest action, each of shape (action_size,); of size 0 where actions are not a box."""
         self.neutral_action = np.clip(np.zeros(len(self.low)), self.low, self.high)
         """The action nearest to zero, shape (action_size,)."""
         self.knows_spread = observation_std is not None
-        self.observation_std = (
-            np.zeros((len(seeds), 0)) if observation_std is None else np.array(observation_std, float)
-        )
+        if observation_std is None:
+            observation_std = np.zeros((len(seeds), 0))
+        self.observation_std = np.array(observation_std, float)
         """Spread of each observation component in training, shape (n, observation_size)."""
-        self.simulators = list[Simulator]()
+        self.simulators: list[Simulator] = []
         """One for each lane if an effect needs them, else none."""
 
     def __len__(self) -> int:

@@ -14,10 +14,14 @@ from perdure.envs.world import FloatArray, IntArray, Step, World, checked_lanes
 from perdure.errors import PerdureError
 
 SIMULATED = {
-    f"{robot}-{version}": f"gymnasium:{robot}-v4"
-    for robot in ("HalfCheetah", "Swimmer", "Hopper", "Walker2d")
-    for version in ("v3", "v4")
-} | {
+    "HalfCheetah-v3": "gymnasium:HalfCheetah-v4",
+    "HalfCheetah-v4": "gymnasium:HalfCheetah-v4",
+    "Swimmer-v3": "gymnasium:Swimmer-v4",
+    "Swimmer-v4": "gymnasium:Swimmer-v4",
+    "Hopper-v3": "gymnasium:Hopper-v4",
+    "Hopper-v4": "gymnasium:Hopper-v4",
+    "Walker2d-v3": "gymnasium:Walker2d-v4",
+    "Walker2d-v4": "gymnasium:Walker2d-v4",
     "Ant-v3": "gymnasium:perdure/Ant-v3",
     "Ant-v4": "gymnasium:Ant-v4",
     "Humanoid-v3": "gymnasium:perdure/Humanoid-v3",
@@ -50,10 +54,16 @@ class DisturbedWorld:
         seeds: Sequence[int],
         observation_std: FloatArray | None = None,
     ) -> None:
-        self._world, self.infos = world, getattr(world, "infos", ())
-        self.spec, self.spaces, self.num_lanes = world.spec, world.spaces, world.num_lanes
-        self.abandon, self.close = world.abandon, world.close
-        box = None if self.spec.discrete_actions else (self.spec.action_low, self.spec.action_high)
+        self._world = world
+        self.infos = getattr(world, "infos", ())
+        self.spec = world.spec
+        self.spaces = world.spaces
+        self.num_lanes = world.num_lanes
+        self.abandon = world.abandon
+        self.close = world.close
+        box = None
+        if not self.spec.discrete_actions:
+            box = (self.spec.action_low, self.spec.action_high)
         environments = getattr(world, "environments", ())
         self._disturber = Disturber(self.spec.name, disturbances, seeds, box, observation_std, environments)
         self._everyone = np.arange(world.num_lanes)
@@ -70,14 +80,18 @@ class DisturbedWorld:
 
     def reset(self, lanes: IntArray | None = None) -> FloatArray:
         """See `World.reset`."""
-        chosen = self._everyone if lanes is None else checked_lanes(lanes, self.num_lanes)
+        chosen = self._everyone
+        if lanes is not None:
+            chosen = checked_lanes(lanes, self.num_lanes)
         self._disturber.begin(chosen)  # models are put back before the robot stands in its start state
         observations = self._world.reset(lanes)
         return self._disturber.observe(observations, chosen, np.zeros(len(chosen), np.int64))
 
     def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
         """See `World.step`."""
-        chosen = self._everyone if lanes is None else np.asarray(lanes)
+        chosen = self._everyone
+        if lanes is not None:
+            chosen = np.asarray(lanes)
         elapsed = self._world.elapsed[chosen]
         step = self._world.step(self._disturber.act(np.asarray(actions, np.float64), chosen, elapsed), lanes)
         return replace(step, observations=self._disturber.observe(step.observations, chosen, step.elapsed))

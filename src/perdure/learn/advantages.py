@@ -17,7 +17,7 @@ from perdure.errors import PerdureError, lookup
 if TYPE_CHECKING:
     from perdure.learn.config import PPOConfig
 
-State = Any
+EstimatorState = Any
 """A tree of arrays, such as a named tuple; () for an estimator that remembers nothing."""
 
 
@@ -60,10 +60,10 @@ class Estimate(NamedTuple):
 class Estimator(Protocol):
     """Turns rollouts into advantages. Implementations are immutable; what changes is the state they are given."""
 
-    def start(self) -> State:
+    def start(self) -> EstimatorState:
         """Return the state before the first rollout."""
 
-    def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
+    def estimate(self, state: EstimatorState, transitions: Transitions) -> tuple[EstimatorState, Estimate]:
         """Return the next state and the estimates of one rollout; traced by JAX."""
 
 
@@ -93,11 +93,11 @@ class Discounted:
         """Return the estimator of a configuration."""
         return cls(config.protocol.gamma, config.gae_lambda, config.protocol.end == "terminated")
 
-    def start(self) -> State:
+    def start(self) -> EstimatorState:
         """Return nothing: every rollout stands for itself."""
         return ()
 
-    def estimate(self, state: State, transitions: Transitions) -> tuple[State, Estimate]:
+    def estimate(self, state: EstimatorState, transitions: Transitions) -> tuple[EstimatorState, Estimate]:
         """See `Estimator.estimate`."""
         rewards, values, last_values, ends, _ = transitions
         terminal = ends.terminated

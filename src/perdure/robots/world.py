@@ -15,7 +15,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -32,12 +32,17 @@ from perdure.robots.contract import Command, Contract, FloatArray
 from perdure.robots.readers import read_contract
 from perdure.robots.terms import ObservationTerm, RobotState
 
-LINEAR_VARIANCE, ANGULAR_VARIANCE = 0.25, 0.5
-"""Of the tracking rewards, as in mjlab [m^2/s^2, rad^2/s^2]."""
-START_GAP, JOINT_NOISE = 0.01, 0.05
-"""Of start states: air under the lowest point [m], and largest difference of joints from the default pose [rad]."""
+LINEAR_VARIANCE = 0.25
+"""Of the tracking reward of the planar velocity, as in mjlab [m^2/s^2]."""
+ANGULAR_VARIANCE = 0.5
+"""Of the tracking reward of the yaw rate, as in mjlab [rad^2/s^2]."""
+START_GAP = 0.01
+"""Air under the lowest point of a robot in its start state [m]."""
+JOINT_NOISE = 0.05
+"""Largest difference of a joint in a start state from the default pose [rad]."""
 FALLBACK_RANGE = math.pi  # half the range of a joint without limits [rad]
-TRUNK, FLOOR = 1, 2  # kinds of geoms
+TRUNK = 1  # kinds of geoms
+FLOOR = 2
 MINUTE = 60.0
 JOINT_FIELDS = {"armature": "armature", "joint_damping": "damping", "friction_loss": "frictionloss"}
 
@@ -51,6 +56,7 @@ def compiled(contract: Contract, visual: bool) -> Any:
     """
     try:
         spec = mujoco.MjSpec.from_file(contract.model)
+        # The contract's controllers replace the model's own actuators, whose torque limits still hold.
         limits = {each.target: _torque_limit(each) for each in spec.actuators}
         unset = mujoco.MjSpec().default  # what is added takes nothing from the model's own defaults
         for each in (*spec.keys, *spec.sensors, *spec.actuators):
@@ -61,11 +67,13 @@ def compiled(contract: Contract, visual: bool) -> Any:
                 _decorate(spec, floor)
         for index, name in enumerate(contract.joints):
             _add_controller(spec, contract, index, limits.get(name, math.inf), unset)
-        if missing := [name for name in contract.trunk if spec.body(name) is None]:
+        missing = [name for name in contract.trunk if spec.body(name) is None]
+        if missing:
             raise PerdureError(f"trunk: {contract.model} has no body {', '.join(missing)}")
         spec.option.timestep = contract.time_step
         spec.compiler.discardvisual = not visual
-        spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+        spec.visual.global_.offwidth = 1920
+        spec.visual.global_.offheight = 1080
         model = spec.compile()
     except PerdureError:
         raise
@@ -78,8 +86,10 @@ def compiled(contract: Contract, visual: bool) -> Any:
 
 def sources(task: str) -> dict[str, str]:
     """Return the SHA-256 of what results depend on: the contract, and the compiled model with its meshes."""
-    model = compiled(contract := read_contract(task), False)
-    mujoco.mj_saveModel(model, None, data := np.empty(mujoco.mj_sizeModel(model), np.uint8))
+    contract = read_contract(task)
+    model = compiled(contract, False)
+    data = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, data)
     return {"robot": sha256(repr(replace(contract, model="")).encode() + data.tobytes()).hexdigest()}
 
 
@@ -89,16 +99,20 @@ def _torque_limit(actuator: Any) -> float:
     if actuator.forcerange[0] < actuator.forcerange[1]:
         return float(actuator.forcerange[1]) * gear
     motor = actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.ctrlrange[0] < actuator.ctrlrange[1]
-    return float(actuator.ctrlrange[1] * actuator.gainprm[0]) * gear if motor else math.inf
+    if not motor:
+        return math.inf
+    return float(actuator.ctrlrange[1] * actuator.gainprm[0]) * gear
 
 
 def _decorate(spec: Any, floor: Any) -> None:
     """Give a floor tiles, and the world a sky and more light, for pictures."""
-    kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
-    tiles, sky = (kinds.mjTEXTURE_2D, patterns.mjBUILTIN_CHECKER), (kinds.mjTEXTURE_SKYBOX, patterns.mjBUILTIN_GRADIENT)
-    for name, (kind, pattern) in {"perdure/tiles": tiles, "perdure/sky": sky}.items():
+    for name, kind, pattern in (
+        ("perdure/tiles", mujoco.mjtTexture.mjTEXTURE_2D, mujoco.mjtBuiltin.mjBUILTIN_CHECKER),
+        ("perdure/sky", mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT),
+    ):
         made = spec.add_texture(name=name, type=kind, builtin=pattern, width=64, height=64)
-        made.rgb1, made.rgb2 = [0.65, 0.72, 0.8], [0.8, 0.84, 0.88]
+        made.rgb1 = [0.65, 0.72, 0.8]
+        made.rgb2 = [0.8, 0.84, 0.88]
     floor.material = "perdure/tiles"
     spec.add_material(name=floor.material).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = floor.material
     spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.45] * 3
@@ -107,24 +121,31 @@ def _decorate(spec: Any, floor: Any) -> None:
 def _add_controller(spec: Any, contract: Contract, index: int, limit: float, unset: Any) -> None:
     """Add a joint's controller to the model, and change the joint where the contract says so."""
     name = contract.joints[index]
-    if (joint := spec.joint(name)) is None:
+    joint = spec.joint(name)
+    if joint is None:
         known = ", ".join(each.name for each in spec.joints if each.name)
         raise PerdureError(f"{contract.model} has no joint {name!r}; it has {known}")
     for field, attribute in JOINT_FIELDS.items():
         if getattr(contract, field) is not None:
-            number = float(contract.values(field)[index])
-            setattr(joint, attribute, number if np.ndim(getattr(joint, attribute)) == 0 else [number, 0.0, 0.0])
+            number: Any = float(contract.values(field)[index])
+            if np.ndim(getattr(joint, attribute)) > 0:  # since MuJoCo 3.7 a polynomial
+                number = [number, 0.0, 0.0]
+            setattr(joint, attribute, number)
     if contract.effort_limit is not None:
         limit = float(contract.values("effort_limit")[index])
     elif joint.actfrcrange[0] < joint.actfrcrange[1]:
         limit = min(limit, float(joint.actfrcrange[1]))
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # it would cut a higher or disturbed limit
     made = spec.add_actuator(unset, name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    made.gaintype, made.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    stiffness, damping = (float(contract.values(field)[index]) for field in ("stiffness", "damping"))
-    made.gainprm[0], made.biasprm[1], made.biasprm[2] = stiffness, -stiffness, -damping
+    made.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    made.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    stiffness = float(contract.values("stiffness")[index])
+    made.gainprm[0] = stiffness
+    made.biasprm[1] = -stiffness
+    made.biasprm[2] = -float(contract.values("damping")[index])
     if limit < math.inf:
-        made.forcelimited, made.forcerange = True, [-limit, limit]
+        made.forcelimited = True
+        made.forcerange = [-limit, limit]
 
 
 def action_range(model: Any, contract: Contract) -> tuple[FloatArray, FloatArray]:
@@ -132,7 +153,8 @@ def action_range(model: Any, contract: Contract) -> tuple[FloatArray, FloatArray
 
     Half of this range is the unit of disturbed actions.
     """
-    joints, stiffness = model.actuator_trnid[:, 0], np.maximum(contract.values("stiffness"), 1e-9)
+    joints = model.actuator_trnid[:, 0]
+    stiffness = np.maximum(contract.values("stiffness"), 1e-9)
     limited = model.jnt_limited[joints].astype(bool)[:, None]
     ends = np.where(limited, model.jnt_range[joints], [-FALLBACK_RANGE, FALLBACK_RANGE]).T
     limited = model.actuator_forcelimited.astype(bool)
@@ -149,23 +171,33 @@ class Schedule:
     """The velocity command of a contract at each time of an episode; call `begin` before one."""
 
     def __init__(self, contract: Contract) -> None:
-        self._contract, self.command = contract, contract.command
+        self._contract = contract
+        self.command = contract.command
 
     def begin(self, rng: np.random.Generator) -> None:
         """Begin an episode."""
-        self._rng, self._until = rng, 0.0 if self._contract.script or self._contract.random else math.inf
+        self._rng = rng
+        self._until = math.inf  # when the next command is due [s]
+        if self._contract.script or self._contract.random:
+            self._until = 0.0
 
     def at(self, seconds: float) -> Command:
         """Return the command at a time, which must not go back; it is also kept as `command`."""
-        if seconds >= self._until and (random := self._contract.random) is not None:
+        if seconds < self._until:
+            return self.command
+        random = self._contract.random
+        if random is not None:
             drawn = self._rng.uniform(random.low, random.high) * (self._rng.random() >= random.standing)
-            self.command, self._until = tuple(drawn.tolist()), seconds + self._rng.uniform(*random.seconds)
-        elif seconds >= self._until:
-            script, period = self._contract.script, self._contract.repeat
+            self.command = tuple(drawn.tolist())
+            self._until = seconds + self._rng.uniform(*random.seconds)
+        else:
+            script = self._contract.script
+            period = self._contract.repeat
             within = math.fmod(seconds + 1e-9, period)
             now = max(row for row, each in enumerate(script) if each[0] <= within)
             ends = min([period, *(each[0] for each in script[now + 1 :])])
-            self.command, self._until = script[now][1:], seconds + ends - within
+            self.command = script[now][1:]
+            self._until = seconds + ends - within
         return self.command
 
 
@@ -173,28 +205,37 @@ class Observer:
     """Observations of a contract: values of its terms, scaled and clipped, and their history."""
 
     def __init__(self, contract: Contract) -> None:
-        terms, kinds = contract.terms, ObservationTerm.kinds()
+        terms = contract.terms
+        kinds = ObservationTerm.kinds()
         widths = [contract.size(term) for term in terms]
-        begins = np.cumsum([0, *widths]).tolist()
-        self._values = [
-            (kinds[term.name]().value, slice(begin, begin + width))
-            for term, begin, width in zip(terms, begins, widths, strict=False)
-        ]
-        self._raw = np.zeros(begins[-1])
+
+        # One step: where the values of each term go, and their scales and limits.
+        self._values: list[tuple[Callable[[RobotState], Any], slice]] = []
+        columns: list[str] = []
+        for term, width in zip(terms, widths, strict=True):
+            begin = len(columns)
+            self._values.append((kinds[term.name]().value, slice(begin, begin + width)))
+            columns += [f"{term.name}[{k}]" for k in range(width)]
+        self._raw = np.zeros(len(columns))
         self._scale = np.concatenate([np.broadcast_to(t.scale, w) for t, w in zip(terms, widths, strict=True)])
         clips = np.where(self._scale[:, None] == 0.0, 0.0, np.repeat([term.clip for term in terms], widths, axis=0))
         ranges = np.sort(clips * self._scale[:, None])
         self._low, self._high = ranges.clip(-contract.observation_clip, contract.observation_clip).T
+
+        # The history: rows are the last steps, the newest one last. An observation takes from it in `_order`.
         longest = max(term.history for term in terms)
-        self._past, self._empty = np.zeros((longest, begins[-1])), True
-        places, turn = np.arange(self._past.size).reshape(longest, -1), -1 if "newest" in contract.history_order else 1
-        parts = [
-            places[longest - term.history :, begin : begin + width][::turn]
-            for term, begin, width in zip(terms, begins, widths, strict=False)
-        ]
-        by_step = contract.history_layout == "by step"
-        self._order = np.hstack(parts if by_step else [part.ravel() for part in parts]).ravel()
-        columns = [f"{term.name}[{k}]" for term, width in zip(terms, widths, strict=True) for k in range(width)]
+        self._past = np.zeros((longest, len(columns)))
+        self._empty = True
+        places = np.arange(self._past.size).reshape(longest, -1)
+        parts = []
+        for term, (_, mine) in zip(terms, self._values, strict=True):
+            part = places[longest - term.history :, mine]
+            if contract.history_order == "newest first":
+                part = part[::-1]
+            if contract.history_layout == "by term":
+                part = part.ravel()
+            parts.append(part)
+        self._order = np.hstack(parts).ravel()
         self.names = [columns[place % len(columns)] for place in self._order]
         """Of each component of an observation."""
 
@@ -209,8 +250,12 @@ class Observer:
         step: FloatArray = np.minimum(np.maximum(self._raw * self._scale, self._low), self._high)
         if len(self._past) == 1:
             return step
-        self._past[:-1] = step if self._empty else self._past[1:]
-        self._past[-1], self._empty = step, False
+        if self._empty:
+            self._past[:] = step
+        else:
+            self._past[:-1] = self._past[1:]
+            self._past[-1] = step
+        self._empty = False
         return np.array(self._past.take(self._order))
 
 
@@ -218,43 +263,74 @@ class Walk:
     """Measures of a walk from the origin along x; a commanded path begins anew, where the robot is, every minute."""
 
     def __init__(self) -> None:
-        self._seconds = self._error = self._energy = self._length = self._yaw = self._last = 0.0
-        self._turned, self._aside, self._minutes = 0.0, 0.0, 0
+        # Sums since the start: time [s], velocity error x time [m], work [J], path [m].
+        self._seconds = self._error = self._energy = self._length = 0.0
+        # Heading since the start, turns counted, and the last one measured [rad].
+        self._yaw = self._last = 0.0
+        # Sums over whole minutes: heading error [rad] and lateral drift [m] at their ends, and how many there were.
+        self._turned = self._aside = 0.0
+        self._minutes = 0
         self._anchor(0.0, 0.0)
 
     def _anchor(self, x: float, y: float) -> None:
-        self._since, self._wanted, self._x, self._y, self._away = self._seconds, self._yaw, x, y, 0.0
+        """Begin the commanded path anew, at a place and the present heading."""
+        self._since = self._seconds
+        self._wanted = self._yaw
+        self._x = x
+        self._y = y
+        self._away = 0.0
 
     def move(
         self, place: Sequence[float], speeds: Sequence[float], command: Command, joules: float, seconds: float
     ) -> None:
         """Record a step: x, y, heading after it; forward and lateral velocity; command; positive work; its length."""
-        (x, y, yaw), (forward, lateral, rate) = place, command
+        x, y, yaw = place
+        forward, lateral, rate = command
         self._yaw += math.remainder(yaw - self._last, math.tau)
-        speed, angle = math.hypot(forward, lateral), self._wanted + math.atan2(lateral, forward)
+        self._last = yaw
+
+        # The commanded path goes on.
+        speed = math.hypot(forward, lateral)
+        angle = self._wanted + math.atan2(lateral, forward)
         self._x += speed * math.cos(angle) * seconds
         self._y += speed * math.sin(angle) * seconds
         self._wanted += rate * seconds
-        self._last, self._seconds, self._energy = yaw, self._seconds + seconds, self._energy + joules
+
+        self._seconds += seconds
+        self._energy += joules
         self._error += math.hypot(forward - speeds[0], lateral - speeds[1]) * seconds
         self._length += math.hypot(*speeds) * seconds
-        ahead, left = x - self._x, y - self._y
-        self._away = abs(left * math.cos(angle) - ahead * math.sin(angle)) if speed else math.hypot(ahead, left)
+
+        # Distance from the path: across it, or from the place where the robot should stand.
+        ahead = x - self._x
+        left = y - self._y
+        if speed:
+            self._away = abs(left * math.cos(angle) - ahead * math.sin(angle))
+        else:
+            self._away = math.hypot(ahead, left)
         if self._seconds - self._since >= MINUTE - 1e-6:
-            self._turned, self._aside = self._turned + abs(self._yaw - self._wanted), self._aside + self._away
+            self._turned += abs(self._yaw - self._wanted)
+            self._aside += self._away
             self._minutes += 1
             self._anchor(x, y)
 
     def measures(self) -> dict[str, float | None]:
         """Return columns of the table (`MEASURES`) over all whole minutes; before the first one ends, in proportion."""
-        turned, aside, minutes = self._turned, self._aside, float(self._minutes)
+        turned = self._turned
+        aside = self._aside
+        minutes = float(self._minutes)
         if not minutes:
-            turned, aside, minutes = abs(self._yaw - self._wanted), self._away, self._seconds / MINUTE
+            turned = abs(self._yaw - self._wanted)
+            aside = self._away
+            minutes = self._seconds / MINUTE
+        energy_per_meter = None
+        if self._length > 1.0:
+            energy_per_meter = self._energy / self._length
         return {
             "heading_error": math.degrees(turned) / minutes,
             "lateral_drift": aside / minutes,
             "velocity_error": self._error / self._seconds,
-            "energy_per_meter": self._energy / self._length if self._length > 1.0 else None,
+            "energy_per_meter": energy_per_meter,
         }
 
 
@@ -271,8 +347,10 @@ class VelocityCommandEnv(MujocoEnv):
 
     def __init__(self, robot: str | Path | Contract, render_mode: str | None = None, **options: Any) -> None:
         """Build the robot of a contract or of its YAML file; options are those of Gymnasium's `MujocoEnv`."""
-        self.contract = contract = robot if isinstance(robot, Contract) else read_contract(robot)
-        self._pose, self._scale = contract.values("default_pose"), contract.values("action_scale")
+        contract = robot if isinstance(robot, Contract) else read_contract(robot)
+        self.contract = contract
+        self._pose = contract.values("default_pose")
+        self._scale = contract.values("action_scale")
         self._model = copy.copy(compiled(contract, render_mode is not None))  # disturbances change it
         decimation = contract.decimation or 1
         self.metadata = {**self.metadata, "render_fps": round(1.0 / (self._model.opt.timestep * decimation))}
@@ -286,7 +364,8 @@ class VelocityCommandEnv(MujocoEnv):
         planes = self.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
         self._cosine = math.cos(math.radians(contract.fall_tilt))
-        self._schedule, self._observer = Schedule(contract), Observer(contract)
+        self._schedule = Schedule(contract)
+        self._observer = Observer(contract)
         self.observation_names = tuple(self._observer.names)
         self.init_qpos = self._standing()
 
@@ -295,13 +374,16 @@ class VelocityCommandEnv(MujocoEnv):
 
     def _standing(self) -> FloatArray:
         """Return the default pose just above the floor, shape (nq,)."""
-        model, data, high = self.model, self.data, 10.0
+        model = self.model
+        data = self.data
+        high = 10.0
         data.qpos[:7] = 0.0, 0.0, high, 1.0, 0.0, 0.0, 0.0
         data.qpos[self._joints] = self._pose
         mujoco.mj_forward(model, data)
         solid = np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
         touching = {*solid, *model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
-        geoms, floor = [geom for geom in touching if self._kinds[geom] != FLOOR], int(self._kinds.argmax())
+        geoms = [geom for geom in touching if self._kinds[geom] != FLOOR]
+        floor = int(self._kinds.argmax())
         gaps = [mujoco.mj_geomDistance(model, data, floor, geom, 2.0 * high, None) for geom in geoms]
         data.qpos[2] += START_GAP - min(gaps, default=high)
         return np.array(data.qpos)
@@ -314,28 +396,39 @@ class VelocityCommandEnv(MujocoEnv):
         self._schedule.begin(self.np_random)
         self._observer.begin()
         self._robot.walked = -1.0
-        self._walk, self._seconds, self._heading, self._dt = Walk(), 0.0, 0.0, float(self.dt)
+        self._walk = Walk()
+        self._seconds = 0.0
+        self._heading = 0.0
+        self._dt = float(self.dt)
         self._second = deque[float](maxlen=round(1.0 / self._dt))
         return self._observe(np.zeros(len(self._joints)))
 
     def step(self, action: Any) -> tuple[FloatArray, Any, bool, bool, dict[str, Any]]:
         """Make a control step; see the module."""
-        data, dt = self.data, self._dt
+        data = self.data
+        dt = self._dt
         action = np.asarray(action, np.float64)
-        forward, lateral, rate = command = self._schedule.command
+        command = self._schedule.command
         data.ctrl[:] = self._pose + self._scale * action
         mujoco.mj_step(self.model, data, nstep=self.frame_skip)
         self._seconds += dt
-        observation = self._observe(action if self.policy_action is None else self.policy_action)
+        seen = action
+        if self.policy_action is not None:
+            seen = self.policy_action
+        observation = self._observe(seen)
         self.policy_action = None
+
+        forward, lateral, rate = command
         vx, vy, _ = self._robot.linear_velocity
         turning = self._robot.angular_velocity[2]
-        linear, angular = (forward - vx) ** 2 + (lateral - vy) ** 2, (rate - turning) ** 2
+        linear = (forward - vx) ** 2 + (lateral - vy) ** 2
+        angular = (rate - turning) ** 2
         reward = math.exp(-linear / LINEAR_VARIANCE - angular / ANGULAR_VARIANCE)
         joules = float(np.maximum(data.actuator_force * data.actuator_velocity, 0.0).sum()) * dt
         self._walk.move(self._robot.place, (vx, vy), command, joules, dt)
         self._second.append(reward)
-        if fell := self._fell():
+        fell = self._fell()
+        if fell:
             reward -= sum(self._second)
         return observation, reward, fell, False, self._walk.measures()
 
@@ -344,7 +437,8 @@ class VelocityCommandEnv(MujocoEnv):
         robot = self._robot
         robot.read_base()
         robot.action = action
-        forward, lateral, rate = command = self._schedule.at(self._seconds)
+        command = self._schedule.at(self._seconds)
+        forward, lateral, rate = command
         robot.walk_on(command, self._dt)
         # A robot that walks and is told no turn is told to turn back to its heading.
         heading = robot.place[2]
@@ -355,5 +449,7 @@ class VelocityCommandEnv(MujocoEnv):
         return self._observer.read(robot)
 
     def _fell(self) -> bool:
-        tilted, touching = self._robot.upright < self._cosine, self._kinds[self.data.contact.geom].sum(axis=1)
-        return tilted or bool((touching == TRUNK + FLOOR).any())
+        if self._robot.upright < self._cosine:
+            return True
+        touching = self._kinds[self.data.contact.geom].sum(axis=1)
+        return bool((touching == TRUNK + FLOOR).any())

@@ -123,9 +123,9 @@ def test_the_model_says_what_it_is_for_and_one_row_is_enough(tmp_path):
 
 
 def test_a_model_that_acts_otherwise_is_not_written(tmp_path, monkeypatch):
-    from perdure.policy import onnx
+    from perdure.policy import onnx_export
 
-    monkeypatch.setitem(onnx.OPERATORS, "tanh", "Softsign")
+    monkeypatch.setitem(onnx_export.OPERATORS, "tanh", "Softsign")
     with pytest.raises(PerdureError, match="differ"):
         export_onnx(POLICIES["geometric"], tmp_path / "policy.onnx")
     assert list(tmp_path.iterdir()) == []
