@@ -24,11 +24,11 @@ DENSE = ("src", "studies")
 """Where dense statements are counted."""
 GENERATED = ("docs/_build", "docs/reference/api", "docs/reference/cli.md", "docs/home/skills.md")
 
-TUPLE_ASSIGNMENTS = 249
+TUPLE_ASSIGNMENTS = 4
 """Assignments of the form `a, b = x, y`, in DENSE."""
-PER_THOUSAND_LINES = {"ternaries": 13.4, "walruses": 1.7}
+PER_THOUSAND_LINES = {"ternaries": 10.4, "walruses": 0.8}
 """In DENSE."""
-EXEMPTIONS = 5
+EXEMPTIONS = 2
 """Functions or files that may break a rule of ruff in LIMITED: rows in pyproject.toml and `noqa` comments."""
 LIMITED = ("C901", "PLR0913")
 MEGABYTES = {"policies": 100, "tables and figures": 25}
@@ -36,7 +36,7 @@ MEGABYTES = {"policies": 100, "tables and figures": 25}
 WORDS = 300
 """Words of a page that is not in PAGES, as `wc -w` counts them."""
 PAGES = {
-    "CONTRIBUTING.md": 1_100,
+    "CONTRIBUTING.md": 1_150,
     "README.md": 750,
     "docs/explanation/architecture.md": 1_050,
     "docs/explanation/thesis.md": 450,
