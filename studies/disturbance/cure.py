@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
+from perdure.report.outcomes import NeverWorked
 from studies.disturbance.claims import GAIN, SCALE
 from studies.horizon.grid import METHODS
 
@@ -60,7 +61,7 @@ def _runs(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return speed, steps and failures of each training run; one that never worked failed at step 0."""
     return (
         episodes.filter(condition="standard-1")
-        .with_columns(failed_step=pl.col("failed_step") * (pl.col("policy_state") != "never worked"))
+        .with_columns(failed_step=pl.col("failed_step") * (pl.col("policy_state") != NeverWorked.name))
         .group_by("task", "method", "train_seed")
         .agg(
             (GAIN / SCALE).first().alias("speed"),

@@ -10,6 +10,7 @@ import polars as pl
 
 from perdure.report.charts import Axis, Figure, Points, point_chart, style
 from perdure.report.estimates import HOLDING_SHARE
+from perdure.report.outcomes import WORKED, Holds
 from perdure.stats import FloatArray, compare_with, mean_interval, median_time
 from studies.disturbance.claims import CALM, NOISE, PUSHES, measure_runs
 from studies.disturbance.grid import CONDITIONS, TASKS
@@ -41,14 +42,14 @@ def all_tables(episodes: pl.DataFrame) -> dict[str, pl.DataFrame]:
     Args:
         episodes: A row for each episode: the columns of `studies.disturbance.study.COLUMNS`, method and condition.
     """
-    worked = pl.col("policy_state") == "worked"
+    worked = pl.col("policy_state") == WORKED
     share = pl.col("failed_step") / pl.col("test_horizon")
     episodes = episodes.with_columns(
         method=pl.col("method").str.split("@").list.first(),
         preset=pl.col("method").str.split("@").list.get(1, null_on_oob=True).fill_null("zoo"),
         left=pl.col("end_reason") == "survived",
         works=pl.when(worked).then(share).otherwise(0.0),
-        holds=worked & (pl.col("outcome") == "holds"),
+        holds=worked & (pl.col("outcome") == Holds.name),
     )
     return {"left": left_table(episodes), "foresight": foresight_table(episodes)}
 
@@ -101,7 +102,7 @@ def foresight_table(episodes: pl.DataFrame) -> pl.DataFrame:
     new = [each for each in CONDITIONS if each.name not in PREDICTORS]
     for threshold in THRESHOLDS:
         enough = pl.col("end_score_vs_training").is_between(threshold, np.inf)  # nan >= threshold is true in Polars
-        holds = pl.col("left") & (pl.col("policy_state") == "worked") & enough
+        holds = pl.col("left") & (pl.col("policy_state") == WORKED) & enough
         shares = (
             episodes.group_by("task", "preset", "method", "train_seed", "condition")
             .agg(holds.mean().alias("share"))

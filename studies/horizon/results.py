@@ -21,7 +21,8 @@ import polars as pl
 
 from perdure.errors import PerdureError
 from perdure.report.estimates import thin
-from perdure.report.groups import EPISODE_FAILURES, TRAINING_SCORE
+from perdure.report.groups import TRAINING_SCORE
+from perdure.report.outcomes import WORKED, CannotTell, NeverWorked, failures, outcome_words
 from studies.files import read_parquet_file, write_parquet_file
 from studies.horizon.claims import SCORE, Condition
 from studies.horizon.grid import Grid
@@ -34,11 +35,12 @@ CURVE_POINTS = 80
 LEARNING_POINTS = 50
 MEASURED = ("return", SCORE, "failed share", "training score vs published", "steps to failure")
 """Measures that episodes give; others are in the table of mechanisms."""
-_UNKNOWN = pl.col("policy_state") == "cannot tell"
+_UNKNOWN = pl.col("policy_state") == CannotTell.name
+_WORKED = pl.col("policy_state") == WORKED
 VERDICT = (
-    pl.when(_UNKNOWN | ((pl.col("policy_state") == "worked") & pl.col("outcome").is_in(["cut", "unknown"])))
-    .then(pl.lit("cannot tell"))
-    .when(pl.col("policy_state") != "worked")
+    pl.when(_UNKNOWN | (_WORKED & pl.col("outcome").is_in(outcome_words(shown_as=CannotTell.name))))
+    .then(pl.lit(CannotTell.name))
+    .when(~_WORKED)
     .then(pl.col("policy_state"))
     .otherwise(pl.col("outcome"))
 )
@@ -194,12 +196,12 @@ def measure(episodes: pl.DataFrame) -> pl.DataFrame:
     """
 
     def judged(found: pl.Expr) -> pl.Expr:
-        return pl.when(VERDICT != "cannot tell").then(found.cast(pl.Float64))
+        return pl.when(VERDICT.ne(CannotTell.name)).then(found.cast(pl.Float64))
 
     horizon = pl.col("test_horizon")
     idle = pl.col("idle_rate")
-    never = pl.col("policy_state") == "never worked"
-    failed = pl.col("outcome").is_in(EPISODE_FAILURES) | never
+    never = pl.col("policy_state") == NeverWorked.name
+    failed = pl.col("outcome").is_in(failures()) | never
     steps = pl.when(never).then(0).when(failed).then(pl.col("failed_step")).otherwise(horizon)
     score = (pl.col("return") - idle * pl.col("end_step")) / ((pl.col("published_rate") - idle) * horizon)
     return episodes.with_columns(

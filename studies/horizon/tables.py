@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from perdure.report import wording
+from perdure.report.outcomes import NeverWorked
 from perdure.stats import compare_paired
 from studies.disturbance.claims import CLAIMS as REGISTERED
 from studies.disturbance.claims import NOISE
@@ -122,7 +123,7 @@ def _clock_rows(results: Results) -> Iterator[dict[str, str]]:
             ours, plain = (_mean(there.filter(method=method)["result"]) for method in ("geometric", "ppo"))
             row[name] = f"{ours:.2f} ({plain:.2f})"
         states = set(results.episodes.filter(setting=setting, method="geometric")["policy_state"])
-        yield {"task": setting_words(setting) + ", never worked" * (states == {"never worked"})} | row
+        yield {"task": setting_words(setting) + ", never worked" * (states == {NeverWorked.name})} | row
 
 
 def _claim_rows(results: Results) -> Iterator[dict[str, str]]:

@@ -21,7 +21,7 @@ from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.evaluate.card import write_card
 from perdure.policy import TaskInfo, find_policy, load_policy, save_policy
 from perdure.report import read_table, write_table
-from perdure.report.groups import MISSES, REACHES
+from perdure.report.outcomes import MissesGoal, ReachesGoal
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
 STEPS = 100
@@ -94,11 +94,11 @@ def test_its_metrics_are_those_of_the_table(made):
 
 def test_it_knows_of_a_goal_that_only_another_policy_of_its_table_reaches(made, tmp_path):
     policy, result, _ = made
-    reached = pl.when(pl.col("method") == "other").then(pl.lit(REACHES)).otherwise(pl.lit("holds"))
+    reached = pl.when(pl.col("method") == "other").then(pl.lit(ReachesGoal.name)).otherwise(pl.lit("holds"))
     frame, notes = read_table(result.path)
     table = write_table(tmp_path / "episodes.parquet", frame.with_columns(outcome=reached), notes)
-    assert MISSES in write_card(policy, table, tmp_path / "card.md").read_text()
-    assert MISSES not in made[2].read_text()
+    assert MissesGoal.name in write_card(policy, table, tmp_path / "card.md").read_text()
+    assert MissesGoal.name not in made[2].read_text()
 
 
 def test_it_has_every_section_and_its_example_runs(made):

@@ -19,12 +19,14 @@ from perdure.envs import make_world
 from perdure.errors import OtherSourceWarning, PerdureError
 from perdure.evaluate import EpisodeSpec, Extrapolation, ExtrapolationResult, evaluate_episodes, evaluate_files
 from perdure.evaluate.episodes import split
+from perdure.evaluate.judge import read_judged
 from perdure.evaluate.reference import read_idle
 from perdure.evaluate.run import read_file
 from perdure.evaluate.stored import Source, Worlds, evaluate_group
 from perdure.horizon import Constant, Countdown, Periodic
 from perdure.policy import TaskInfo, find_policy, save_policy
 from perdure.report import read_table
+from perdure.report.schema import RAW
 from perdure.runs import Store, Work
 
 HOPPER = TaskInfo("Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)
@@ -394,3 +396,27 @@ def test_a_disturbed_evaluation_does_not_replace_the_calm_one_and_resumes(tmp_pa
     again = evaluate_files(run(disturb=both), folder, observe=lambda status: pytest.fail("nothing is left to run"))
     assert again.final()["return"].equals(noisy["return"])
     assert "ppo under action_noise:0.2 push:0" in str(again)
+
+
+def test_other_rules_replace_the_verdicts_of_a_stored_evaluation_without_a_step(evaluation, tmp_path, monkeypatch):
+    started = []
+    before = evaluate_files(evaluation, tmp_path, on="here")
+    monkeypatch.setattr("perdure.evaluate.verdict.LEAST_GAIN", -100.0)
+    monkeypatch.setattr("perdure.evaluate.verdict.LEAST_SCORE", -100.0)
+    after = evaluate_files(evaluation, tmp_path, on="here", observe=lambda status: started.append(set(status)))
+    assert started == []
+    assert "worked" not in set(before.frame["policy_state"])
+    assert set(after.frame["policy_state"]) == {"worked"}
+    assert after.frame.select(RAW).equals(before.frame.select(RAW))
+    judged, _ = read_judged(after.path)
+    assert set(judged[0].facts["policy_state"]) == {"worked"}
+
+
+def test_other_raw_columns_are_simulated_again(policies, tmp_path, monkeypatch):
+    small = calm(policies[:1], steps=5, eval_seeds=1)
+    evaluate_files(small, tmp_path, on="here")
+    before = set(Store(tmp_path).keys("groups"))
+    monkeypatch.setattr("perdure.evaluate.stored.RAW_VERSION", "another")
+    evaluate_files(small, tmp_path, on="here")
+    assert len(before) == 1
+    assert len(set(Store(tmp_path).keys("groups")) - before) == 1

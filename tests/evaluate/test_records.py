@@ -14,8 +14,9 @@ from scripted import SCRIPTED, Script, evaluate, policy_for, world_of
 
 from perdure.errors import PerdureError
 from perdure.evaluate import EpisodeSpec, evaluate_episodes
-from perdure.evaluate.episodes import MOST_WINDOWS, recorded_steps, window_steps
-from perdure.evaluate.table import episode_table, judge_table
+from perdure.evaluate.episodes import MOST_RECORDED_WINDOWS, recorded_steps, window_steps
+from perdure.evaluate.judge import judge_table
+from perdure.evaluate.table import episode_table, with_not_applied
 from perdure.evaluate.verdict import ScoreScale
 from perdure.policy.reference import Reference
 from perdure.report import read_table, write_table
@@ -45,7 +46,7 @@ class TestRecordedSteps:
         found = recorded_steps(steps)
         assert (found[0], found[-1]) == (1, steps)
         assert np.all(np.diff(found) > 0)
-        assert len(found) <= MOST_WINDOWS + 65
+        assert len(found) <= MOST_RECORDED_WINDOWS + 65
         assert set(window_steps(steps)) <= set(found)
 
     def test_cover_both_axes_of_a_long_evaluation(self):
@@ -176,7 +177,8 @@ SCALE = ScoreScale(0.0, 1.0, math.nan, 4, "worked", "")
 @pytest.fixture(scope="module")
 def frame(records):
     episodes = [EpisodeSpec(0, None, seed, steps=STEPS) for seed in range(len(SCRIPTS))]
-    return judge_table(episode_table(["p"], [policy_for(SCRIPTED)], episodes, records), [SCALE] * len(episodes))
+    raw = with_not_applied(episode_table(["p"], [policy_for(SCRIPTED)], episodes, records), [])
+    return judge_table(raw, {("p", 0): SCALE})
 
 
 class TestTable:

@@ -63,6 +63,8 @@ def extrapolate(flags: Flags, command: str) -> None:
         flags: Of the command.
         command: The command line, stored with the table.
     """
+    from perdure.report.outcomes import NeverWorked
+
     function = any(is_function(str(each)) for each in flags.policies)
     with redirect_stdout(sys.stderr if flags.json else sys.stdout):  # environments and functions may print
         result = _evaluate_function(flags, command) if function else _evaluate_files(flags, command)
@@ -70,7 +72,7 @@ def extrapolate(flags: Flags, command: str) -> None:
     states = result.frame["policy_state"].unique().to_list()
     del result  # the report needs the memory
     assert table is not None
-    if flags.normalizer == "none" and "never worked" in states:
+    if flags.normalizer == "none" and NeverWorked.name in states:
         _tell(
             "with --normalizer none the policy sees raw observations; if it was trained behind VecNormalize, give the "
             "file that its save() wrote, often vecnormalize.pkl beside the model"
@@ -136,7 +138,10 @@ def _tell(sentence: str) -> None:
 
 
 def report(table: tyro.conf.Positional[Path], out: Path | None = None, formats: tuple[Format, ...] = ("png",)) -> None:
-    """Make report.html and its figures from a table that `perdure extrapolate` wrote.
+    """Judge the episodes of a table that `perdure extrapolate` wrote, and make report.html and its figures.
+
+    Nothing is simulated. Verdicts follow the rules of this version of perdure, from episodes.parquet and from
+    baselines.parquet beside it. Without the second file, as in older results, the verdicts of the table are shown.
 
     Args:
         table: The table episodes.parquet, or the folder that holds it.
@@ -166,10 +171,11 @@ def write_and_show(
     Raises:
         SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
     """
-    from perdure.report import estimate_table, read_episodes, summary_text, write_report
+    from perdure.evaluate.judge import read_judged
+    from perdure.report import estimate_table, summary_text, write_report
     from perdure.report.page import STILLS, not_holding, summary_json
 
-    episodes, notes = read_episodes(table)
+    episodes, notes = read_judged(table)
     estimates = estimate_table(episodes)
     del episodes  # of a large table
     if not as_json:

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from perdure.envs.suites import module_of
 from perdure.errors import PerdureError
-from perdure.evaluate.verdict import HOLDS_FROM
+from perdure.evaluate.judge import read_judged
 from perdure.policy import Policy, load_policy
 from perdure.policy.files import SHIPPED, SUFFIX, find_policy, is_downloaded
-from perdure.report import estimate_table, read_table, wording
+from perdure.report import estimate_table, wording
 from perdure.report.estimates import Estimate, headline
-from perdure.report.schema import FILE_NOTE
+from perdure.report.schema import FILE_NOTE, Episodes
+from perdure.report.scores import HOLDS_FROM
 from perdure.runs import file_digest, write_atomic
 from perdure.schema import printable
 
@@ -49,14 +50,14 @@ def write_card(policy: str | Path, table: str | Path, out: str | Path | None = N
     """
     file = find_policy(policy)
     subject = load_policy(file)
-    frame, notes = read_table(table)
+    episodes, notes = read_judged(table)
     path = Path(out) if out is not None else _beside(file)
     if path.exists() and not (
         (old := path.read_text(errors="replace")).startswith(HEAD) and f"# {_title(subject)}\n" in old
     ):
         raise PerdureError(f"{path} exists and is no model card of this policy; name another file with --out")
     files = {name: digest or "" for name, digest in notes.items() if name.startswith(FILE_NOTE)}
-    (estimates,) = estimate_table(frame, _rows_of(file, frame, files, str(table))).values()
+    (estimates,) = estimate_table(episodes, _rows_of(file, episodes, files, str(table))).values()
     task = subject.task
     parts = [
         f"---\n{json.dumps(_front_matter(subject, estimates), indent=1)}\n---",
@@ -83,13 +84,14 @@ def _beside(file: Path) -> Path:
     return file.parent / (NAME if alone else f"{file.stem}.{NAME}")
 
 
-def _rows_of(file: Path, frame: pl.DataFrame, files: dict[str, str], table: str) -> pl.Expr:
+def _rows_of(file: Path, episodes: Sequence[Episodes], files: dict[str, str], table: str) -> pl.Expr:
+    """Return which episodes are of a policy file; PerdureError if none is."""
     import polars as pl
 
     digest = file_digest(file)
     note = pl.format(f"{FILE_NOTE}{{}}, training seed {{}}", "policy", "train_seed")
     mine = note.is_in([name for name, found in files.items() if found == digest])
-    if frame.filter(mine).is_empty():
+    if all(part.facts.filter(mine).is_empty() for part in episodes):
         names = [f"{name.removeprefix(FILE_NOTE)} ({found[:12]})" for name, found in sorted(files.items())]
         held = printable(", ".join(names)) or "no policy file"
         raise PerdureError(
@@ -126,7 +128,8 @@ def _front_matter(policy: Policy, estimates: Sequence[Estimate]) -> dict[str, An
 
 
 def _metrics(estimate: Estimate) -> list[dict[str, Any]]:
-    group, share = estimate.group, estimate.verdict.share
+    group = estimate.group
+    share = estimate.verdict.share
     where = f"{group.test_horizon:,} steps, clock {group.clock}" + ("" if group.calm else f", {group.disturbance}")
     holds = {"n": group.episodes, "interval": _bounds(share.lower, share.upper), "interval_method": share.method}
     mean = estimate.returns
@@ -156,7 +159,8 @@ def _verdicts(estimates: Sequence[Estimate]) -> str:
     head = ["clock", "disturbance", "steps", "verdict", "hold", "95 % interval", "n", "mean return", "outcomes"]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for estimate in estimates:
-        group, share = estimate.group, estimate.verdict.share
+        group = estimate.group
+        share = estimate.verdict.share
         outcomes = ", ".join(f"{name} {count}" for name, count in Counter(group.verdicts).most_common())
         cells = [
             group.clock,

@@ -69,8 +69,8 @@ def split(episodes: Sequence[EpisodeSpec], size: int, parts: int) -> list[list[E
 
 PER_DECADE = 10
 """Recorded steps for each factor of ten, so that a plot on a log axis is smooth."""
-FEWEST_WINDOWS = 100
-MOST_WINDOWS = 1000
+FEWEST_RECORDED_WINDOWS = 100
+MOST_RECORDED_WINDOWS = 1000
 """Evenly spaced recorded steps, so that a plot on a linear axis is smooth. Rewards between two of them are judged."""
 WINDOW = 1000
 """Steps between two evenly spaced ones, if their number allows it: the length of an ordinary episode."""
@@ -78,7 +78,7 @@ WINDOW = 1000
 
 def window_steps(steps: int) -> NDArray[np.int64]:
     """Return rising step numbers, evenly spaced, up to ``steps``."""
-    count = min(steps, max(FEWEST_WINDOWS, min(MOST_WINDOWS, steps // WINDOW)))
+    count = min(steps, max(FEWEST_RECORDED_WINDOWS, min(MOST_RECORDED_WINDOWS, steps // WINDOW)))
     return np.ceil(np.linspace(0, steps, count + 1)[1:]).astype(np.int64)
 
 

@@ -95,13 +95,16 @@ Choose = Callable[[int], NDArray[np.float64]]
 def _idle_actions(spec: TaskSpec, rng: np.random.Generator) -> list[Choose]:
     """Return constant actions, and finally random ones."""
     if spec.discrete_actions:
-        least, most = spec.action_low.astype(np.int64), spec.action_high.astype(np.int64)
+        least = spec.action_low.astype(np.int64)
+        most = spec.action_high.astype(np.int64)
         held: list[Choose] = [lambda n, row=row: np.tile(row, (n, 1)) for row in constant_actions(spec)]  # type: ignore[misc]
         return [*held, lambda n: rng.integers(least, most + 1, (n, len(least))).astype(np.float64)]
-    low, high = spec.action_low, spec.action_high
+    low = spec.action_low
+    high = spec.action_high
     with np.errstate(over="ignore"):
         too_wide = np.isfinite(low) & np.isfinite(high) & ~np.isfinite(high - low)
-    open_low, open_high = too_wide | ~np.isfinite(low), too_wide | ~np.isfinite(high)
+    open_low = too_wide | ~np.isfinite(low)
+    open_high = too_wide | ~np.isfinite(high)
     low_box = np.where(open_low, np.where(open_high | (high > -WITHOUT_BOUND), 0.0, high) - WITHOUT_BOUND, low)
     high_box = np.where(open_high, np.where(open_low | (low < WITHOUT_BOUND), 0.0, low) + WITHOUT_BOUND, high)
     zero = np.clip(np.zeros_like(low_box), low_box, high_box)
@@ -130,18 +133,21 @@ def constant_actions(spec: TaskSpec) -> NDArray[np.float64]:
 
 def _earned(world: World, choose: Choose, steps: int) -> tuple[float, float]:
     """Return the sum of rewards and the number of steps."""
-    earned, made = 0.0, 0
+    earned = 0.0
+    made = 0
     before = world.reset()
     detector = DivergenceDetector(before, np.zeros_like(before), world.spec.hides_divergence)
     episodes: NDArray[np.int64] = np.arange(world.num_lanes)
     for _ in range(steps):
         step = world.step(choose(len(episodes)), episodes)
         valid = ~detector.diverged(LoopStep(episodes, before, step))
-        earned, made = earned + float(step.rewards[valid].sum()), made + int(valid.sum())
+        earned += float(step.rewards[valid].sum())
+        made += int(valid.sum())
         stays = valid & ~step.ended
         if not stays.all():
             world.abandon(episodes[~stays])
-        episodes, before = episodes[stays], step.observations[stays]
+        episodes = episodes[stays]
+        before = step.observations[stays]
         if not len(episodes):
             break
     return earned, made
@@ -217,7 +223,9 @@ class _RunningStd:
 
     def __init__(self, size: int) -> None:
         self._shift: NDArray[np.float64] | None = None
-        self._count, self._sum, self._squares = 0, np.zeros(size), np.zeros(size)
+        self._count = 0
+        self._sum = np.zeros(size)
+        self._squares = np.zeros(size)
 
     def update(self, loop_step: LoopStep) -> None:
         rows = loop_step.before

@@ -21,6 +21,7 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
+from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales, write_baselines
 from perdure.evaluate.options import Extrapolation
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
@@ -28,13 +29,12 @@ from perdure.evaluate.table import (
     ExtrapolationResult,
     episode_table,
     file_note,
-    judge_table,
     made_with,
     train_seed,
+    with_not_applied,
 )
-from perdure.evaluate.verdict import ScoreScale, make_score_scale, published_rate
 from perdure.policy import Policy, PolicyLike, check_fit
-from perdure.report.schema import SCHEMA_VERSION
+from perdure.report.schema import RAW_VERSION
 from perdure.runs import (
     Observer,
     Store,
@@ -179,20 +179,20 @@ def evaluate(
         groups = _Groups(subjects, worlds, store, episodes)
         groups.run(evaluation.max_episodes, execution, keep_going=of_files)
         # The table: raw columns of all episodes, then the verdicts.
-        frame = groups.table()
-        scales = groups.scales()
-        not_applied = {each.label: each.not_applied for each in conditions}
-        frame = judge_table(frame, [scales[episode.policy] for episode in episodes], not_applied)
+        frame = with_not_applied(groups.table(), conditions)
+        baselines = groups.baselines()
+        frame = judge_table(frame, make_scales(baselines, worlds.task))
         files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
         if execution.out is None:
-            return ExtrapolationResult(frame, None, files)
+            return ExtrapolationResult(frame, None, files, baselines)
         from perdure.report import write_report, write_table
 
         told = {"command": execution.command, "success": evaluation.success or "", **made_with(), **files}
+        told |= write_baselines(Path(execution.out), baselines)
         path = write_table(Path(execution.out) / TABLE, frame, told)
         if not of_files:  # the command line adds stills to the page of policy files
             write_report(frame, execution.out, execution.command, notes=told)
-        return ExtrapolationResult(frame, path, files)
+        return ExtrapolationResult(frame, path, files, baselines)
 
 
 def _refuse_replacing(store: Store, subjects: Sequence[Subject], episodes: Sequence[EpisodeSpec], success: str) -> None:
@@ -272,19 +272,18 @@ class _Groups:
         self._store.warn_of_other_source(dict.fromkeys(finished[key] for key in keys if key in finished))
         run_missing(units, self._store.root, execution.on, execution.cores, execution.observe, keep_going=keep_going)
 
-    def scales(self) -> list[ScoreScale]:
-        """Return what the rewards of each policy are measured by."""
-        task = self._worlds.task
+    def baselines(self) -> dict[PolicyKey, Baseline]:
+        """Return what the rewards of each policy are compared with."""
         idle = read_idle(self._store.get(self._idle_unit().key))
-        scales = []
+        found: dict[PolicyKey, Baseline] = {}
         for subject in self._subjects:
             reference = subject.policy.reference
             if reference is None:
                 folder = self._store.get(self._reference_unit(subject).key)
                 reference = load_reference(subject.policy, folder).reference
             assert reference is not None
-            scales.append(make_score_scale(reference, idle, published_rate(task), is_contract(task)))
-        return scales
+            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle)
+        return found
 
     def table(self) -> pl.DataFrame:
         """Return the rows of all episodes in their order."""
@@ -359,7 +358,7 @@ class _Groups:
 def _condition_config(episode: EpisodeSpec, worlds: Worlds) -> dict[str, Any]:
     """Return the config of groups whose episodes share the condition of this one, without their episodes."""
     return {
-        "table": SCHEMA_VERSION,
+        "table": RAW_VERSION,
         "versions": worlds.versions(episode.disturbances),
         "label": episode.disturbance,
         "steps": episode.steps,

@@ -1,24 +1,26 @@
 """The table ``perdure.extrapolation`` of an evaluation (columns: ``perdure.report.schema``), and the result around it.
 
-`episode_table` makes the table of episodes. `judge_table` adds verdicts once the idle rate is known.
+`episode_table` makes the raw columns of the table; `perdure.evaluate.judge` adds the columns that are judged.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec, window_steps
-from perdure.evaluate.verdict import ScoreScale, judge_episode
+from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec
+from perdure.evaluate.judge import Baselines, write_baselines
+from perdure.evaluate.options import Condition
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
-from perdure.report.schema import COLUMNS, END_REASONS, FILE_NOTE, GOALS, OUTCOMES
+from perdure.report.outcomes import outcome_words
+from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -43,6 +45,8 @@ class ExtrapolationResult:
     """The Parquet file; None where nothing was written."""
     files: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each policy file by `file_note`: stored with the table, so that a card can check its policy."""
+    baselines: Baselines = field(default_factory=dict)
+    """What the rewards of each policy are compared with: stored beside the table, which can then be judged again."""
 
     def __str__(self) -> str:
         from perdure.report import summary_text
@@ -59,6 +63,8 @@ class ExtrapolationResult:
         from perdure.report import write_report, write_table
 
         notes = {"command": command, **made_with(), **self.files}
+        if self.baselines:
+            notes |= write_baselines(Path(out), self.baselines)
         write_table(Path(out) / TABLE, self.frame, notes)
         return write_report(self.frame, out, command, notes=notes)
 
@@ -84,11 +90,11 @@ class ExtrapolationResult:
         """
         import polars as pl
 
-        from perdure.report.groups import VERDICT, half_failed_by
+        from perdure.report.groups import episode_verdicts, half_failed_by
 
-        outcomes = [each for each in OUTCOMES if each not in ("cut", "unknown")]
+        shown = outcome_words(in_table=True, shown_as="")
         keys = ["task", "policy", "clock", "disturbance"]
-        episodes = self.final().with_columns(verdict=VERDICT)
+        episodes = self.final().with_columns(verdict=episode_verdicts())
         medians = [
             half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
             for part in episodes.partition_by(keys, maintain_order=True)
@@ -99,7 +105,7 @@ class ExtrapolationResult:
                 episodes=pl.len(),
                 mean_return=pl.col("return").mean(),
                 policy_state=pl.col("policy_state").unique().sort().str.join(", "),
-                **{outcome.replace(" ", "_"): (pl.col("outcome") == outcome).mean() for outcome in outcomes},
+                **{word.replace(" ", "_"): (pl.col("outcome") == word).mean() for word in shown},
             )
             .with_columns(median_failed_step=pl.Series(medians, dtype=pl.Float64).fill_nan(None))
         )
@@ -113,8 +119,10 @@ def made_with() -> dict[str, str]:
 
 def method_label(policy: PolicyLike, default: str) -> str:
     """Return how tables call a policy: its method, and its preset if that is not the usual one of the task."""
-    known, usual = policy.provenance, usual_preset(policy.task.name)
-    method, preset = str(known.get("method", default)), known.get("preset") or ("zoo" if "config" in known else usual)
+    known = policy.provenance
+    usual = usual_preset(policy.task.name)
+    method = str(known.get("method", default))
+    preset = known.get("preset") or ("zoo" if "config" in known else usual)
     return method if preset == usual else f"{method} ({preset})"
 
 
@@ -168,30 +176,10 @@ def _episode_row(label: str, policy: PolicyLike, episode: EpisodeSpec) -> dict[s
     }
 
 
-def judge_table(
-    frame: pl.DataFrame, score_scales: Sequence[ScoreScale], not_applied: Mapping[str, str] | None = None
-) -> pl.DataFrame:
-    """Add the score scale of each episode's policy, the verdict on each episode, and what the world could not apply.
-
-    Args:
-        frame: As `episode_table` makes it, episode after episode; they may differ in disturbances and steps.
-        score_scales: The measure of each episode's policy, in the order of the episodes.
-        not_applied: By the label of the disturbances, what the world could not do.
-    """
+def with_not_applied(frame: pl.DataFrame, conditions: Sequence[Condition]) -> pl.DataFrame:
+    """Return a table with the column `not_applied`: what the world could not do of each episode's disturbances."""
     import polars as pl
 
-    last = np.flatnonzero(frame["step"] == frame["test_horizon"])
-    begins = np.concatenate([[0], last[:-1] + 1])
-    grid, returns = frame["step"].to_numpy(), frame["return"].to_numpy()
-    columns = ("test_horizon", "end_step", "end_reason", "goal_at_end", "disturbance")
-    episodes = frame[last].select(columns).iter_rows()
-    rows = []
-    for begin, end, (horizon, end_step, end_reason, at_goal, label), scale in zip(
-        begins, last + 1, episodes, score_scales, strict=True
-    ):
-        steps = window_steps(horizon)
-        earned = returns[begin:end][np.isin(grid[begin:end], steps)]
-        verdict = judge_episode(steps, earned, end_step, end_reason, scale, at_goal == 1.0)
-        named = {name: value for name, value in vars(scale).items() if name in COLUMNS}
-        rows.append({**named, "not_applied": (not_applied or {}).get(label, ""), **asdict(verdict)})
-    return frame.hstack(pl.DataFrame(rows)[np.repeat(np.arange(len(rows)), last + 1 - begins)])
+    label = pl.col("disturbance")
+    found = {each.label: each.not_applied for each in conditions}
+    return frame.with_columns(not_applied=label.replace_strict(found, default="", return_dtype=pl.String))

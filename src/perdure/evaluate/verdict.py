@@ -20,18 +20,15 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from perdure.evaluate.reference import Idle
 from perdure.policy.reference import BIN_STEPS, Reference
+from perdure.report.outcomes import WORKED, CannotTell, NeverWorked, judging_order
+from perdure.report.scores import IDLE_BELOW, EpisodeScores
 
-IDLE_BELOW = 0.25
-"""A window with a lower score against the policy's own training counts as idle."""
-HOLDS_FROM = 0.75
-"""Least mean score of the last windows of an episode that holds; between IDLE_BELOW and this it decays."""
 FALSE_ALARMS = 0.05
 """Share of reference windows that may score below IDLE_BELOW; windows grow until it is not exceeded."""
 SETTLING = 0.1
@@ -45,11 +42,9 @@ IDLE_IS_BEST = 0.95
 """A contract, which pays at most 1 a step, is judged by survival if an idle robot earns more: told to stand."""
 LEAST_SURVIVAL = 0.5
 """Where survival is judged, a policy has never worked if its episodes end before this share of the horizon."""
-FEWEST_WINDOWS = 4
-"""An evaluation must hold as many windows after settling, or none of it can be judged."""
+FEWEST_REFERENCE_WINDOWS = 4
+"""Windows within the reference episodes from which their length can be chosen."""
 _DRAWS = 400
-
-State = Literal["worked", "never worked", "cannot tell"]
 
 PUBLISHED_RATES = {
     "Ant": 4.079,
@@ -82,8 +77,8 @@ class ScoreScale:
     """nan where none is known."""
     window: int
     """Steps of the shortest window that passes its test; 0 where the policy has never worked."""
-    policy_state: State
-    """"worked": within its own training horizon it earns more than an idle robot."""
+    policy_state: str
+    """One of `POLICY_STATES`; "worked": within its own training horizon it earns more than an idle robot."""
     policy_note: str
     """The evidence in a sentence."""
     survival: bool = False
@@ -95,7 +90,7 @@ class ScoreScale:
 
     def score(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the score of rates against the policy's own training; nan for a policy that never worked."""
-        if self.policy_state != "worked":
+        if self.policy_state != WORKED:
             return np.full_like(rate, np.nan)
         if self.survival:
             return rate / self.training_rate
@@ -122,7 +117,8 @@ def _rate_scale(reference: Reference, idle: Idle, published: float, most: float)
     """Judge a policy by the reward that it gains over an idle robot."""
     earned, lived, settling = _settled(reference)
     rate = float(earned.sum() / lived.sum())
-    gain, error = rate - idle.rate, _ratio_error(earned, lived, rate)
+    gain = rate - idle.rate
+    error = _ratio_error(earned, lived, rate)
     least = LEAST_GAIN * min(abs(idle.zero - idle.random), most - idle.rate)
     if published > idle.rate:
         least = max(least, LEAST_SCORE * (published - idle.rate))
@@ -131,10 +127,10 @@ def _rate_scale(reference: Reference, idle: Idle, published: float, most: float)
         f"an idle robot {idle.rate:.3g} ({idle.kind})"
     )
     if not gain - error > least:
-        state: State = "never worked" if gain <= least else "cannot tell"
+        state = NeverWorked.name if gain <= least else CannotTell.name
         return ScoreScale(idle.rate, rate, published, 0, state, f"{note}; a gain above {least:.3g} would count")
     window = _window(reference, idle.rate, gain)
-    return ScoreScale(idle.rate, rate, published, window, "worked", note, settling=settling)
+    return ScoreScale(idle.rate, rate, published, window, WORKED, note, settling=settling)
 
 
 def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
@@ -152,7 +148,7 @@ def _survival_scale(reference: Reference, idle: Idle, published: float) -> Score
         f"{share:.0%} of its training horizon on average ({reference.lengths.size} episodes)"
     )
     worked = share >= LEAST_SURVIVAL
-    state: State = "worked" if worked else "never worked"
+    state = WORKED if worked else NeverWorked.name
     return ScoreScale(idle.rate, idle.rate, published, BIN_STEPS if worked else 0, state, note, survival=True)
 
 
@@ -182,7 +178,7 @@ def _window(reference: Reference, idle: float, gain: float) -> int:
     bins = 1
     while True:
         scores = _window_scores(reference, skip, bins, idle, gain)
-        if len(scores) < FEWEST_WINDOWS:
+        if len(scores) < FEWEST_REFERENCE_WINDOWS:
             break
         if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
             return bins * BIN_STEPS
@@ -214,20 +210,6 @@ def _window_of_episodes(reference: Reference, idle: float, gain: float) -> int:
 
 # Verdict: the outcome of each episode, and the step at which a failure began
 
-
-Outcome = Literal["holds", "decays", "fails silently", "falls", "diverges", "reaches its goal", "cut", "unknown"]
-"""cut: the environment itself ended the episode for a reason that is not a failure; unknown: cannot be judged."""
-
-MOSTLY = 0.9
-"""A failure begins with the first window after which at least this share of the windows is bad."""
-LAST = 0.1
-"""Share of the windows that give the final score: the last ones, FEWEST_WINDOWS at least."""
-MEMORY = 5
-"""The final score is averaged over MEMORY times the longest pause: the pause and four times its length."""
-SURE = 2
-"""A robot that paused before fails silently once it is idle for SURE times its longest earlier pause."""
-ONE_SIDED = 1.645
-"""Standard errors by which a mean must lie below HOLDS_FROM to exclude chance (normal, one-sided 95 %)."""
 MOST = 2.0
 """Upper limit of a window's score, so that a single large reward does not hide an idle robot."""
 
@@ -236,7 +218,8 @@ MOST = 2.0
 class EpisodeVerdict:
     """The verdict of one episode."""
 
-    outcome: Outcome
+    outcome: str
+    """A word of the table, see `perdure.report.outcomes`."""
     failed_step: int
     """Steps completed before the failure began; without a failure, all steps of the episode."""
     end_score_vs_training: float
@@ -253,7 +236,7 @@ def judge_episode(
     score_scale: ScoreScale,
     at_goal: bool = False,
 ) -> EpisodeVerdict:
-    """Return the verdict on an episode.
+    """Return the verdict on an episode: the first outcome whose rule applies.
 
     Args:
         steps: Rising step numbers, shape (m,), evenly spaced; the last one is the test horizon.
@@ -263,33 +246,13 @@ def judge_episode(
         score_scale: The measure of the episode's policy.
         at_goal: The environment reports a success at the last step. If it ends the episode there, rewards do not count.
     """
-    if at_goal and end_reason in ("terminated", "truncated"):
-        return EpisodeVerdict("reaches its goal", end_step, float("nan"), False)
     begins, scores = window_scores(steps, returns, end_step, score_scale)
-    ended: dict[str, Outcome] = {"terminated": "falls", "diverged": "diverges", "truncated": "cut"}
-    if score_scale.policy_state != "worked":
-        return EpisodeVerdict(ended.get(end_reason, "unknown"), end_step, float("nan"), False)
-    count = min(len(scores), max(FEWEST_WINDOWS, round(LAST * len(scores))))
-    last = float(scores[-count:].mean()) if count else float("nan")
-    idle = scores < IDLE_BELOW
-    settled = begins >= score_scale.settling  # the reference leaves the start from rest out
-    ever = bool((idle[settled][1:] & idle[settled][:-1]).any())
-    silent = _since(scores, IDLE_BELOW) if last < IDLE_BELOW else len(scores)
-    if end_reason in ended:
-        failed = int(begins[silent]) if silent < len(scores) else end_step
-        return EpisodeVerdict(ended[end_reason], failed, last, ever)
-    if settled.sum() < FEWEST_WINDOWS:
-        return EpisodeVerdict("unknown", end_step, last, ever)
-    pause = _longest(idle[:silent])
-    span = scores[-max(count, MEMORY * pause) :]
-    if last < IDLE_BELOW and (len(scores) - silent >= SURE * pause or span.mean() < IDLE_BELOW):
-        return EpisodeVerdict("fails silently", int(begins[silent]), last, ever)
-    decayed = _decayed(scores[settled], min(len(span), settled.sum()))
-    if decayed is None:
-        return EpisodeVerdict("unknown", end_step, last, ever)
-    if decayed:
-        return EpisodeVerdict("decays", int(begins[_since(scores, HOLDS_FROM)]), last, ever)
-    return EpisodeVerdict("holds", end_step, last, ever)
+    worked = score_scale.policy_state == WORKED
+    episode = EpisodeScores(end_step, end_reason, at_goal, worked, begins, scores, score_scale.settling)
+    outcome = next(each for each in judging_order() if each.applies(episode))
+    if outcome.by_goal:
+        return EpisodeVerdict(outcome.name, end_step, float("nan"), False)
+    return EpisodeVerdict(outcome.name, outcome.failed_step(episode), episode.last, episode.ever_idle)
 
 
 def window_scores(
@@ -310,39 +273,3 @@ def window_scores(
     marks = np.arange(len(steps) - 1, -1, -stride)[::-1]
     width = np.diff(steps[marks])
     return steps[marks][:-1], np.minimum(score_scale.score(np.diff(returns[marks]) / width), MOST)
-
-
-def _since(scores: NDArray[np.float64], bound: float) -> int:
-    """Return the first window below a bound from which on windows mostly are, or else are on average."""
-    bad, left = scores < bound, np.arange(len(scores), 0, -1)
-    mostly = bad & (np.cumsum(bad[::-1])[::-1] / left >= MOSTLY)
-    if not mostly.any():
-        mostly = bad & (np.cumsum(scores[::-1])[::-1] / left < bound)
-    found = np.flatnonzero(mostly)
-    return int(found[0]) if len(found) else len(scores) - 1
-
-
-def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
-    """Return whether the last windows are significantly below HOLDS_FROM; None if there are too few windows.
-
-    Args:
-        scores: Of an episode.
-        count: Windows to begin with; doubled until the verdict is clear.
-    """
-    while True:
-        part = scores[-count:]
-        mean, error = float(part.mean()), float(part.std(ddof=1)) / len(part) ** 0.5
-        if mean >= HOLDS_FROM:
-            return False
-        if mean + ONE_SIDED * error < HOLDS_FROM:
-            return True
-        if count >= len(scores):
-            return None
-        count *= 2
-
-
-def _longest(idle: NDArray[np.bool_]) -> int:
-    """Return the length of the longest run of idle windows that another window follows."""
-    edges = np.diff(np.concatenate([[0], idle]))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return int(np.max(ends - begins[: len(ends)], initial=0))

@@ -31,17 +31,19 @@ from perdure.envs.gymnasium import call, engine_of, make_env, read_observation
 from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
+from perdure.evaluate.judge import Baseline, judge_table
 from perdure.evaluate.reference import idle_baseline, task_env, with_reference
 from perdure.evaluate.run import read_file
-from perdure.evaluate.table import episode_table, file_note, judge_table
-from perdure.evaluate.verdict import ScoreScale, make_score_scale, published_rate
+from perdure.evaluate.table import episode_table, file_note, train_seed
+from perdure.evaluate.verdict import ScoreScale
 from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, annotate, check_film, save_picture, tile, write_film
 from perdure.horizon import Clock, parse_clock
 from perdure.policy import ClosedLoop, EpisodePolicy, Policy, PolicyLike
 from perdure.policy.network import one_thread
 from perdure.policy.onnx import model_digest
 from perdure.report import wording
-from perdure.report.groups import EPISODE_FAILURES, GOOD, NO_CLOCK, REACHES
+from perdure.report.groups import NO_CLOCK
+from perdure.report.outcomes import WORKED, Diverges, Falls, failures, outcome, outcomes
 from perdure.report.page import STILLS
 from perdure.runs import Unit, Work, config_digest, run_missing, versions, write_atomic
 
@@ -49,25 +51,34 @@ if TYPE_CHECKING:
     import polars as pl
 
 Met: TypeAlias = tuple[Disturbance, ...]
-BEFORE, AFTER = 5.0, 1.0
-"""Seconds shown before a failure and after it."""
+BEFORE = 5.0
+"""Seconds shown before a failure."""
+AFTER = 1.0
+"""Seconds shown after a failure."""
 MOST_WINDOW = 10.0
 """Most seconds shown of the window of rewards in which a silent failure begins."""
 RATE = 25.0
 """Pictures per second, at most."""
 SCORE_STEPS = 100
 """Steps over which the score in the picture is taken."""
-SIZE, STILL_SIZE = (480, 360), (352, 264)
-AROUND = {"falls": 0.3, "fails silently": 5.0, "decays": 5.0}
-"""Failures of which there are stills: seconds from the one before to the failure, and on to the one after it."""
+SIZE = (480, 360)
+"""Width and height of a picture of a film in pixels."""
+STILL_SIZE = (352, 264)
+"""Width and height of a still in pixels."""
 COLORS = 96
 """Colors of the stills, a fifth of the bytes of all colors."""
-TITLE, SUBTITLE, BELOW = 20, 14, 15
-"""Font sizes of the lines above and below a picture."""
+TITLE = 20
+"""Font size of the first line above a picture."""
+SUBTITLE = 14
+"""Font size of the other lines above a picture."""
+BELOW = 15
+"""Font size of the line below a picture."""
 BODY = 1
 """The camera follows the first body after the world, the robot's torso, unless the environment says otherwise."""
-AZIMUTH, ELEVATION = 90.0, -15.0
-"""From the side on which Gymnasium's robots run to the right, in degrees."""
+AZIMUTH = 90.0
+"""Of the camera in degrees: Gymnasium's robots run to the right."""
+ELEVATION = -15.0
+"""Of the camera in degrees: seen from above."""
 
 VERSIONS = {"v2": "v4", "v3": "v4", "v4": "v4", "v5": "v5"}
 """EnvPool's version to Gymnasium's, whose v2 and v3 need mujoco-py; v4 has the same dynamics and rewards."""
@@ -92,21 +103,22 @@ class JudgedEpisode:
     @property
     def failed(self) -> bool:
         """Whether it falls, diverges, decays or fails silently."""
-        return self.outcome in EPISODE_FAILURES
+        return self.outcome in failures()
 
     @property
     def words(self) -> tuple[str, str]:
         """Clock and disturbances, and outcome, in words."""
         told = [] if self.clock is None else [wording.clock(self.clock.name, f"{self.clock.steps:,.0f}")]
         told += [f"under {labels(self.disturbances)}"] if self.disturbances else []
-        outcome = self.outcome
-        if outcome in ("falls", "diverges", REACHES):
-            outcome += f" at step {self.end_step:,}"
+        kind = outcome(self.outcome)
+        when = ""
+        if kind.by_end:
+            when = f" at step {self.end_step:,}"
         elif self.failed:
-            outcome += f" from step {self.failed_step:,}"
-        elif outcome == "holds":
-            outcome += f" for {self.end_step:,} steps"
-        return ", ".join(told) or "calm", outcome
+            when = f" from step {self.failed_step:,}"
+        elif kind.good:
+            when = f" for {self.end_step:,} steps"
+        return ", ".join(told) or "calm", self.outcome + when
 
 
 @dataclass(frozen=True)
@@ -124,7 +136,7 @@ class Film:
     def sentences(self) -> list[str]:
         """Description of the video."""
         words = [(*episode.words, episode.eval_seed) for episode in self.episodes]
-        return [f"{clock}, start state {seed}: {outcome}" for clock, outcome, seed in words]
+        return [f"{clock}, start state {seed}: {ending}" for clock, ending, seed in words]
 
 
 def watch(
@@ -167,7 +179,8 @@ def watch(
         raise PerdureError(f"steps and eval_seeds must be at least 1, got {steps} and {eval_seeds}")
     if first_eval_seed < 0:
         raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
-    clock, met = clock or getattr(policy, "clock", None), parse_disturbances(disturb)
+    clock = clock or getattr(policy, "clock", None)
+    met = parse_disturbances(disturb)
     check_onsets(met, steps)
     if not policy.has_clock and (clock or beside) is not None:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
@@ -185,7 +198,7 @@ def watch(
     episodes = [episode]
     if beside is not None or met:
         episodes += judge.judge(beside or clock, [episode.eval_seed], () if beside is None else met)
-    episodes.sort(key=lambda each: (each.outcome not in GOOD, bool(each.disturbances)))
+    episodes.sort(key=lambda each: (not outcome(each.outcome).good, bool(each.disturbances)))
     with closing(render_env.build()) as env:
         shown, rate = _shown_steps(env, judge.scale, episode if until_failure else None)
         world = f"{render_env.env_id}, {engine_of(env)}"
@@ -244,19 +257,22 @@ class Judge:
         # The stored reference may have been measured with another engine.
         measured = with_reference(replace(policy, reference=None) if isinstance(policy, Policy) else policy, source)
         assert measured.reference is not None
-        self.policy, self._source, self._steps = measured, source, steps
-        idle, task = idle_baseline(source), policy.task.name
-        self.scale: ScoreScale = make_score_scale(measured.reference, idle, published_rate(task), is_contract(task))
+        self.policy = measured
+        self._source = source
+        self._steps = steps
+        baseline = Baseline(measured.reference, idle_baseline(source))
+        self.scale: ScoreScale = baseline.scale(policy.task.name)
 
     def judge(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> list[JudgedEpisode]:
         """Run one episode from each start state."""
         episodes = [EpisodeSpec(0, clock, seed, met, self._steps) for seed in eval_seeds]
         with closing(self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])) as world:
             records = evaluate_episodes([self.policy], episodes, world=world)
-        frame = judge_table(episode_table(["policy"], [self.policy], episodes, records), [self.scale] * len(episodes))
+        raw = episode_table(["policy"], [self.policy], episodes, records)
+        frame = judge_table(raw, {("policy", train_seed(self.policy)): self.scale})
         last = frame.filter(frame["step"] == self._steps)
         rows = last.select("eval_seed", "outcome", "failed_step", "end_step", "return").iter_rows()
-        return [JudgedEpisode(clock, seed, outcome, at, end, total, met) for seed, outcome, at, end, total in rows]
+        return [JudgedEpisode(clock, seed, word, at, end, total, met) for seed, word, at, end, total in rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +293,9 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
     Raises:
         PerdureError: If the episode is not the one that was judged.
     """
-    env, seeds = render_env.build(), [FIRST_EVAL_SEED + episode.eval_seed]
+    env = render_env.build()
+    seeds = [FIRST_EVAL_SEED + episode.eval_seed]
+    kind = outcome(episode.outcome)
     world: World = GymnasiumWorld([lambda: env], seeds)
     if episode.disturbances:
         world = DisturbedWorld(world, episode.disturbances, seeds, policy.observation_std[None])
@@ -288,15 +306,17 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
             for step in range(1, min(stop, episode.end_step) + 1):
                 result = loop.advance().step
                 total += float(result.rewards[0])
-                ended = result.ended if episode.outcome == REACHES else result.terminated
-                if bool(ended[0]) != (step == episode.end_step and episode.outcome in ("falls", REACHES)):
+                ended = result.ended if kind.by_goal else result.terminated
+                if bool(ended[0]) != (step == episode.end_step and (kind.by_goal or episode.outcome == Falls.name)):
                     raise PerdureError(f"the episode of start state {episode.eval_seed} is not the one that was judged")
                 yield Instant(step, float(result.rewards[0]), total, env)
-            if stop >= episode.end_step and episode.outcome != "diverges" and not math.isclose(total, episode.total):
+            if stop >= episode.end_step and episode.outcome != Diverges.name and not math.isclose(total, episode.total):
                 raise PerdureError(
                     f"the episode returned {total:.6g} when it was filmed and {episode.total:.6g} when judged"
                 )
-            observations, space, acting = result.observations, env.action_space, policy.start([episode.clock])
+            observations = result.observations
+            space = env.action_space
+            acting = policy.start([episode.clock])
             for step in range(episode.end_step + 1, stop + 1):
                 action = acting.act(observations, step - 1)[0]
                 observation, reward, *_ = env.step(action.reshape(space.shape).astype(space.dtype))
@@ -312,7 +332,8 @@ class RobotCamera(Renderer):
     def __init__(self, env: Any, size: tuple[int, int]) -> None:
         import mujoco
 
-        model, self._data = copy(env.unwrapped.model), env.unwrapped.data
+        model = copy(env.unwrapped.model)
+        self._data = env.unwrapped.data
         # Floors are drawn without an edge, as in the simulation: robots run far. Their texture repeats every meter.
         floors = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
         model.geom_size[floors, :2] = 0.0
@@ -326,7 +347,8 @@ class RobotCamera(Renderer):
         self._camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING.value
         self._camera.trackbodyid = int(config.get("trackbodyid", BODY))
         self._camera.distance = float(config.get("distance", 1.5 * model.stat.extent))
-        self._camera.azimuth, self._camera.elevation = AZIMUTH, ELEVATION
+        self._camera.azimuth = AZIMUTH
+        self._camera.elevation = ELEVATION
 
     def take(self) -> Picture:
         """Return a picture of the simulation as it is now."""
@@ -358,7 +380,7 @@ def _shown_steps(env: Any, scale: ScoreScale, failing: JudgedEpisode | None) -> 
     stride = max(1, round(1.0 / (RATE * seconds_per_step)))
     before, after = (round(seconds / seconds_per_step) for seconds in (BEFORE, AFTER))
     middle = before if failing is None else failing.failed_step
-    if failing is not None and failing.outcome in ("fails silently", "decays"):
+    if failing is not None and not outcome(failing.outcome).by_end:  # a failure that no single step shows
         after += min(scale.window, round(MOST_WINDOW / seconds_per_step))
     return range(max(1, middle - before), middle + after + 1, stride), 1.0 / (stride * seconds_per_step)
 
@@ -368,9 +390,11 @@ def _panel(
 ) -> Iterator[Picture]:
     """Yield the pictures of one episode at some steps."""
     recent: deque[float] = deque(maxlen=SCORE_STEPS)
-    clock, outcome = episode.words
-    color = GREEN if episode.outcome in GOOD else RED if episode.failed else INK
-    above = [(TITLE, [(f"{clock}: {outcome}", color)]), (SUBTITLE, [(world, GRAY)])]
+    clock, ending = episode.words
+    color = RED if episode.failed else INK
+    if outcome(episode.outcome).good:
+        color = GREEN
+    above = [(TITLE, [(f"{clock}: {ending}", color)]), (SUBTITLE, [(world, GRAY)])]
     with ExitStack() as stack:
         take: Callable[[], Picture] | None = None
         for instant in replay(judge.policy, episode, render_env, shown.stop - 1):
@@ -380,7 +404,7 @@ def _panel(
             now = f"step {instant.step:,}"
             if instant.step > episode.end_step:
                 now += f"   ended at step {episode.end_step:,}"
-            elif judge.scale.policy_state == "worked":
+            elif judge.scale.policy_state == WORKED:
                 score = float(judge.scale.score(np.array(sum(recent) / len(recent))))
                 now += f"   score against its own training {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
             take = take or _camera(instant.env, size, stack)
@@ -407,39 +431,72 @@ def add_stills(
     """
     (out / STILLS).unlink(missing_ok=True)
     files = {model_digest(path): path.resolve() for path in policies}
-    failed, found = frame["outcome"].is_in(list(AROUND)), list[Any]()
-    for row in frame.filter((frame["step"] == frame["test_horizon"]) & failed).iter_rows(named=True):
-        left_out = row["not_applied"].split(", ")
-        met = tuple(each for each in parse_disturbances(row["disturbance"].split()) if each.name not in left_out)
-        task, file = disturbed_task(row["task"], met), notes.get(file_note(row["policy"], row["train_seed"]))
-        if (task.startswith(GYMNASIUM_PREFIX) or is_contract(task)) and file in files:
-            clock = None if row["clock"] == NO_CLOCK else parse_clock(row["clock"])
-            at = row["end_step"] if row["outcome"] == "falls" else max(1, row["failed_step"])
-            ends = row["outcome"], at, row["end_step"], row["return"]
-            who = row["policy"] + (f" under {row['disturbance']}" if met else "")
-            episode = JudgedEpisode(clock, row["eval_seed"], *ends, met)
-            horizon = int(row["train_horizon"]) if math.isfinite(row["train_horizon"]) else None
-            found.append((row["outcome"] != "falls", at, len(found), file, task, who, episode, horizon))
+    shown_words = [each.name for each in outcomes(good=False) if each.still_seconds is not None]
+    last = frame.filter((frame["step"] == frame["test_horizon"]) & frame["outcome"].is_in(shown_words))
+    found = list[_Filmed]()
+    for row in last.iter_rows(named=True):
+        filmed = _filmed(row, notes)
+        drawable = filmed.task.startswith(GYMNASIUM_PREFIX) or is_contract(filmed.task)
+        if drawable and filmed.file in files:
+            found.append(filmed)
     if not found:
         return
-    *_, file, task, who, episode, horizon = min(found)
-    shown = {"task": task, "horizon": horizon, "who": who}
-    config = {"policy": file, **shown, "episode": f"{episode}", **versions("gymnasium", "mujoco", "pillow")}
-    arguments = {"path": files[file], "digest": file, **shown, "episode": episode}
+    first = min(found, key=lambda each: (each.episode.outcome != Falls.name, each.episode.failed_step))
+    shown = {"task": first.task, "horizon": first.horizon, "who": first.who}
+    made_with = versions("gymnasium", "mujoco", "pillow")
+    config = {"policy": first.file, **shown, "episode": f"{first.episode}", **made_with}
+    arguments = {"path": files[first.file], "digest": first.file, **shown, "episode": first.episode}
     unit = Unit(f"failure/{config_digest(config)[:16]}", config, f"{__name__}:draw_stills", arguments)
     with suppress(Exception):  # whatever an environment or a driver does: the evaluation is finished
         run_missing([unit], out, on, cores=1)
         write_atomic(out / STILLS, (out / unit.key / STILLS).read_bytes())
 
 
+@dataclass(frozen=True)
+class _Filmed:
+    """An episode of a table of which stills can be drawn, if its files are there."""
+
+    episode: JudgedEpisode
+    task: str
+    """With its disturbances."""
+    file: str
+    """SHA-256 of the policy's file; "": unknown."""
+    who: str
+    """The policy, and what disturbs it."""
+    horizon: int | None
+    """Training horizon in steps; None: not finite."""
+
+
+def _filmed(row: Mapping[str, Any], notes: Mapping[str, str]) -> _Filmed:
+    """Return the episode of the last row that a table has of it."""
+    left_out = row["not_applied"].split(", ")
+    asked = parse_disturbances(row["disturbance"].split())
+    met = tuple(each for each in asked if each.name not in left_out)
+    clock = None if row["clock"] == NO_CLOCK else parse_clock(row["clock"])
+    # A fall is shown where it ended the episode, also after a silent failure.
+    at = row["end_step"] if outcome(row["outcome"]).by_end else max(1, row["failed_step"])
+    episode = JudgedEpisode(clock, row["eval_seed"], row["outcome"], at, row["end_step"], row["return"], met)
+    return _Filmed(
+        episode,
+        disturbed_task(row["task"], met),
+        notes.get(file_note(row["policy"], row["train_seed"]), ""),
+        row["policy"] + (f" under {row['disturbance']}" if met else ""),
+        int(row["train_horizon"]) if math.isfinite(row["train_horizon"]) else None,
+    )
+
+
 def draw_stills(
     work: Work, *, path: Path, digest: str, task: str, horizon: int | None, who: str, episode: JudgedEpisode
 ) -> None:
     """Draw the stills of an episode into the work folder; the function of a unit."""
-    policy, pictures = with_reference(read_file(path, digest, task, horizon), task_env(task)), list[Picture]()
+    policy = with_reference(read_file(path, digest, task, horizon), task_env(task))
+    pictures = list[Picture]()
     render_env = find_render_env(task)
+    at = episode.failed_step
+    seconds = outcome(episode.outcome).still_seconds
+    assert seconds is not None
     with closing(render_env.build()) as env:
-        at, seconds, world = episode.failed_step, AROUND[episode.outcome], f"{render_env.env_id}, {engine_of(env)}"
+        world = f"{render_env.env_id}, {engine_of(env)}"
         apart = max(1, round(seconds / _step_seconds(env)))
     captions = {max(1, at - apart): f"{seconds:g} s before", 1: "start", at: episode.outcome}
     captions[at + apart] = f"{seconds:g} s after"
@@ -451,8 +508,8 @@ def draw_stills(
                 color = INK if instant.step < at else RED
                 said = [(BELOW, [(f"step {instant.step:,}: {captions[instant.step]}", color)])]
                 pictures.append(annotate(take(), below=said, edge=None if instant.step < at else RED))
-    outcome, clock = episode.words[1], replace(episode, disturbances=()).words[0]
-    who += (f", {clock}" if episode.clock else "") + f", start state {episode.eval_seed}: {outcome}"
+    clock = replace(episode, disturbances=()).words[0]
+    who += (f", {clock}" if episode.clock else "") + f", start state {episode.eval_seed}: {episode.words[1]}"
     above = [(SUBTITLE, [(who, RED)]), (SUBTITLE, [(world, GRAY)])]
     (work.folder / STILLS).unlink(missing_ok=True)  # of an attempt that was interrupted
     save_picture(annotate(tile(pictures, 2), above), work.folder / STILLS, COLORS)

@@ -20,11 +20,7 @@ from perdure.disturbances import CALM, neutral_level, split_text
 from perdure.report import wording
 from perdure.report.groups import (
     ALL,
-    EPISODE_FAILURES,
-    GOOD,
-    MISSES,
     NO_CLOCK,
-    REACHES,
     Group,
     failure_times,
     goal_evidence,
@@ -32,7 +28,27 @@ from perdure.report.groups import (
     reaching,
     walk_evidence,
 )
+from perdure.report.outcomes import (
+    ENDS_AT_ONE_STEP,
+    FAILS_WHEN_DISTURBED,
+    FALLS_IN_TRAINING,
+    HELP,
+    CannotTell,
+    Cut,
+    Diverges,
+    FailsSilently,
+    Falls,
+    Holds,
+    NeverWorked,
+    ReachesGoal,
+    failures,
+    find_advice,
+    outcome,
+    outcome_words,
+    verdicts_in_order,
+)
 from perdure.report.schema import Episodes, IntArray
+from perdure.report.scores import IDLE_BELOW, SURVIVED
 from perdure.stats import (
     EXACT,
     BoolArray,
@@ -53,17 +69,18 @@ HOLDING_SHARE = 0.9
 """Share of its episodes that must hold for a policy to hold."""
 MOTIONLESS = 0.04
 """Movement (see `MovementRecorder`) below which a robot is called nearly motionless."""
-FAILURES = (*EPISODE_FAILURES, MISSES, "never worked", "cannot tell")
-"""Verdicts other than `GOOD`; of two equally common ones, the earlier is taken."""
-ENDS = ("falls", "diverges")
 ROUNDING = 1e-9
 """Shares that differ by less are equal."""
 CONSTANT_FROM = 0.05
 """Least p value at which a constant failure rate is believed."""
 STEADY = 0.05
 """A motionless robot is so since the step after which its reward per step stays within this share of all it varied."""
-_MOST_NAMED, _MOST_CLOCKS, _MOST_LISTED = 6, 6, 20
-"""Most policies in a headline, clocks in a sentence, and training runs whose seeds are listed."""
+_MOST_NAMED = 6
+"""Most policies in a headline."""
+_MOST_CLOCKS = 6
+"""Most clocks in a sentence."""
+_MOST_LISTED = 20
+"""Most training runs whose seeds are listed."""
 
 
 # Estimates
@@ -98,7 +115,8 @@ Estimates = dict[str, list[Estimate]]
 
 def estimate_table(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -> Estimates:
     """Estimate every group of a table, or of its episodes; see `make_groups`."""
-    rng, found = np.random.default_rng(SEED), Estimates()
+    rng = np.random.default_rng(SEED)
+    found = Estimates()
     for group in make_groups(table, mine):
         found.setdefault(group.task, []).append(estimate_group(group, rng))
     return found
@@ -128,7 +146,7 @@ def _working(group: Group, kept: IntArray, rng: np.random.Generator) -> Interval
     """
     times, failed = failure_times(group.verdicts, group["failed_step"])
     interval = survival_interval(~failed[:, None] | (times[:, None] > group.steps[None, kept]), group.runs, rng)
-    watched = times[np.isin(group.verdicts, ["cannot tell"])].min(initial=group.steps[-1] + 1)
+    watched = times[np.isin(group.verdicts, [CannotTell.name])].min(initial=group.steps[-1] + 1)
     lower, upper = (np.where(group.steps[kept] < watched, bound, np.nan) for bound in (interval.lower, interval.upper))
     return replace(interval, estimate=group.working[kept], lower=lower, upper=upper)
 
@@ -153,7 +171,7 @@ class Verdict:
 
     group: Group
     label: str
-    """One of `GOOD` or `FAILURES`."""
+    """A word of `perdure.report.outcomes.verdicts_in_order`."""
     count: int
     """Episodes of that verdict."""
     share: Interval
@@ -163,28 +181,38 @@ class Verdict:
     evidence: str
     """In words; "" where there is none."""
 
+    @property
+    def good(self) -> bool:
+        """Whether the policy holds or reaches its goal."""
+        return bool(outcome(self.label).good)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episodes of the verdict ended as failures: falls, or diverges."""
+        return self.label in _ends()
+
     @cached_property
     def within(self) -> int:
         """Number of calm episodes that ended within the training horizon, if most did; else 0."""
         group = self.group
         early = (group["end_step"] <= group.train_horizon)[np.isin(group.verdicts, [self.label])].sum()
-        known = self.label in ENDS and group.calm and np.isfinite(group.train_horizon)
+        known = self.ended and group.calm and np.isfinite(group.train_horizon)
         return int(early) if known and 2 * early > group.episodes else 0
 
     @property
     def kind(self) -> str:
-        """Key into `wording.NEXT`: the label, or that training was too short and not only this clock at fault.
+        """What `find_advice` knows: the label, or that training was too short and not only this clock at fault.
 
         Falls that all come at one step are suspected to be a time limit, which needs no training.
         """
         group = self.group
-        if self.label in ENDS and group.one_end is not None:
-            return "ends at one step"
-        if self.label == "cannot tell" and (group["outcome"] == "cut").mean() > 0.5:
-            return "cut"
+        if self.ended and group.one_end is not None:
+            return ENDS_AT_ONE_STEP
+        if self.label == CannotTell.name and (group["outcome"] == Cut.name).mean() > 0.5:
+            return Cut.name
         other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= 0.5).all()
-        short = self.label in ENDS and (group.falls_in_training or (self.within and not other_clock))
-        return "falls in training" if short else self.label
+        short = self.ended and (group.falls_in_training or (self.within and not other_clock))
+        return FALLS_IN_TRAINING if short else self.label
 
     @property
     def _counted(self) -> str:
@@ -193,17 +221,19 @@ class Verdict:
     @property
     def claim(self) -> str:
         """The verdict without its subject: "falls in 4 of 10 episodes"."""
-        group, mine = self.group, np.isin(self.group.verdicts, [self.label])
-        remedy = ": train longer" if self.kind == "falls in training" else ""
-        if self.label == "holds":
-            return f"holds for {group.test_horizon:,} steps"
-        if self.label == REACHES:
+        group = self.group
+        remedy = ": train longer" if self.kind == FALLS_IN_TRAINING else ""
+        if self.label == Holds.name:
+            return f"{self.label} for {group.test_horizon:,} steps"
+        if self.label == ReachesGoal.name:
             return reaching(group)
-        if self.label == "cannot tell" and (parts := _behavior(group)):
-            return f"cannot tell{self._counted}: {', '.join(parts)}"
+        if self.label == CannotTell.name and (parts := _behavior(group)):
+            return f"{self.label}{self._counted}: {', '.join(parts)}"
         if _idle_first(group, self.label):
-            began, ended = _when("since", group["failed_step"][mine]), _when("at", group["end_step"][mine])
-            return f"idle {began}; {_of(self.count, group.episodes, self.label.removesuffix('s'))} {ended}{remedy}"
+            mine = np.isin(group.verdicts, [self.label])
+            began = _when("since", group["failed_step"][mine])
+            ended = _when("at", group["end_step"][mine])
+            return f"idle {began}; {_of(self.count, group.episodes, outcome(self.label).verb)} {ended}{remedy}"
         if self.within:
             counted = f"{self.within} of {wording.count(group.episodes, 'episode')}"
             return f"{self.label} within its own training horizon in {counted}{remedy}"
@@ -217,13 +247,22 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
-        counted = self._counted if self.label == "holds" else ""
-        low, high = float(self.share.lower), float(self.share.upper)
-        if self.label == "holds" and low < high and not self.group.runs_alike:
-            counted += f" (95 % interval {wording.share(low)} to {wording.share(high)})"
-        elif self.label == "holds" and self.share.method != EXACT and self.share.count > 2 and not low < high:
-            counted += f" (the same share in each of {self.share.count} training runs)"
-        return f"{self.short}{counted}" + (f"; {self.evidence}." if self.evidence else ".") + self._training_seeds
+        counted = self._counted + self._interval if self.label == Holds.name else ""
+        evidence = f"; {self.evidence}." if self.evidence else "."
+        return f"{self.short}{counted}{evidence}{self._training_seeds}"
+
+    @property
+    def _interval(self) -> str:
+        """The interval of the share that holds; "" where nothing varies."""
+        low = float(self.share.lower)
+        high = float(self.share.upper)
+        if low < high:
+            if self.group.runs_alike:
+                return ""
+            return f" (95 % interval {wording.share(low)} to {wording.share(high)})"
+        if self.share.method != EXACT and self.share.count > 2:
+            return f" (the same share in each of {self.share.count} training runs)"
+        return ""
 
     @property
     def _training_seeds(self) -> str:
@@ -232,18 +271,25 @@ class Verdict:
         for seed, label in sorted(self.by_training_seed.items()):
             seeds.setdefault(label, []).append(seed)
         count = len(self.by_training_seed)
-        parts = [
-            f"{label} " + (", ".join(map(str, found)) if count <= _MOST_LISTED else f"{len(found)} of {count}")
-            for label in (*GOOD, *FAILURES)
-            if (found := seeds.get(label))
-        ]
+        parts = []
+        for label in verdicts_in_order():
+            found = seeds.get(label, [])
+            listed = ", ".join(map(str, found)) if count <= _MOST_LISTED else f"{len(found)} of {count}"
+            if found:
+                parts.append(f"{label} {listed}")
         return f" By training seed: {'; '.join(parts)}." if parts else ""
+
+
+def _ends() -> list[str]:
+    """Return the verdicts that say how episodes ended as failures: falls and diverges."""
+    return outcome_words(good=False, by_end=True)
 
 
 def judge(group: Group, rng: np.random.Generator) -> Verdict:
     """Return the verdict on a group of episodes."""
+    good = outcome_words(good=True)
     counts = Counter(group.verdicts)
-    share = survival_interval(np.isin(group.verdicts, GOOD), group.runs, rng)
+    share = survival_interval(np.isin(group.verdicts, good), group.runs, rng)
     if group.runs_alike and share.method == EXACT:
         share = replace(share, lower=np.array(np.nan), upper=np.array(np.nan))  # no spread is no certainty
     label = _label(counts, float(share.estimate))
@@ -251,16 +297,19 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
     if len(np.unique(group.runs)) > 1:
         for (seed,), part in group.facts.group_by("train_seed"):
             mine = Counter(part["verdict"])
-            by_seed[int(seed)] = _label(mine, sum(mine[each] for each in GOOD) / mine.total())
+            by_seed[int(seed)] = _label(mine, sum(mine[each] for each in good) / mine.total())
     evidence = "; ".join([*_evidence(group, label), *goal_evidence(group, label), *walk_evidence(group)])
     return Verdict(group, label, counts[label], share, by_seed, evidence)
 
 
 def _label(counts: Mapping[str, int], holding: float) -> str:
     """Return the verdict on episodes: how many had which outcome, and the share of them that is good."""
+    good = outcome_words(good=True)
     if holding >= HOLDING_SHARE - ROUNDING:
-        return max(GOOD, key=lambda each: counts.get(each, 0))
-    return max(FAILURES, key=lambda each: (counts.get(each, 0), -FAILURES.index(each)))
+        possible = good
+    else:
+        possible = [each for each in verdicts_in_order() if each not in good]
+    return max(possible, key=lambda each: counts.get(each, 0))  # the first of equally common ones
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
@@ -269,54 +318,66 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     Calm and disturbed episodes share a clause: "ppo: holds when calm; under standard-1 half of the episodes fail by
     step 600".
     """
-    first, clauses = f"{verdicts[0].group.task}: ", dict[str, list[Verdict]]()
-    if all({*verdict.group.verdicts} == {"never worked"} for verdict in verdicts):
-        return first + "no policy works, even within its training horizon"
+    task = verdicts[0].group.task
+    if all({*verdict.group.verdicts} == {NeverWorked.name} for verdict in verdicts):
+        return f"{task}: no policy works, even within its training horizon"
+    clauses: dict[str, list[Verdict]] = {}
     for verdict in verdicts:
         clauses.setdefault(verdict.group.policy_and_clock, []).append(verdict)
     if len(clauses) <= _MOST_NAMED:
         between = "; " if len(clauses) == 1 else ", "
-        return first + "; ".join(_clause(mine, between) for mine in clauses.values())
+        return f"{task}: " + "; ".join(_clause(mine, between) for mine in clauses.values())
     parts = []
     for disturbance, mine in groupby(verdicts, key=lambda verdict: verdict.group.condition):
         counts = Counter(verdict.label for verdict in mine)
-        counted = ", ".join(f"{label} {counts[label]}" for label in (*GOOD, *FAILURES) if counts[label])
+        counted = ", ".join(f"{label} {counts[label]}" for label in verdicts_in_order() if counts[label])
         parts.append(counted if disturbance == CALM else f"under {disturbance} {counted}")
-    return f"{first}{len(clauses)} policies and clocks: {'; '.join(parts)}"
+    return f"{task}: {len(clauses)} policies and clocks: {'; '.join(parts)}"
 
 
 def _clause(verdicts: Sequence[Verdict], between: str) -> str:
     """Return the verdicts on one policy and clock, when calm and when disturbed."""
     first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
     who = first.group.policy_and_clock
-    if first.group.calm and (not others or first.kind in ("never worked", "falls in training")):
+    if first.group.calm and (not others or first.kind in (NeverWorked.name, FALLS_IN_TRAINING)):
         return f"{who}: {first.claim}"
-    if first.group.calm and all(verdict.label == "holds" for verdict in verdicts):
+    if first.group.calm and all(verdict.label == Holds.name for verdict in verdicts):
         under = " and ".join(f"for {each.group.test_horizon:,} under {each.group.condition}" for each in others)
         return f"{who}: {first.claim} when calm and {under}"
     return f"{who}: {between.join(map(_condition, (first, *others)))}"
 
 
 def _condition(verdict: Verdict) -> str:
-    under, half = f"under {verdict.group.condition}", verdict.group.half_failed_by
-    if verdict.label == "cannot tell":
-        return "cannot tell when calm" if verdict.group.calm else f"cannot tell {under}"
+    """Return the verdict on one policy and clock under one condition, without its subject."""
     if verdict.group.calm:
-        return "holds when calm" if verdict.label == "holds" else f"when calm {verdict.claim}"
-    if verdict.label == "holds":
+        return _calm_condition(verdict)
+    under = f"under {verdict.group.condition}"
+    half = verdict.group.half_failed_by
+    if verdict.label == CannotTell.name:
+        return f"{verdict.label} {under}"
+    if verdict.label == Holds.name:
         return f"{verdict.claim} {under}"
-    if not np.isfinite(half) or verdict.label == "never worked":
+    if not np.isfinite(half) or verdict.label == NeverWorked.name:
         return f"{under} {verdict.claim}"
     return f"{under} half of the episodes fail " + (f"by step {wording.whole(half)}" if half else "from the start")
+
+
+def _calm_condition(verdict: Verdict) -> str:
+    if verdict.label in (CannotTell.name, Holds.name):
+        return f"{verdict.label} when calm"
+    return f"when calm {verdict.claim}"
 
 
 def advice(verdicts: Sequence[Verdict]) -> tuple[str, str]:
     """Return what to do next about one policy under one clock, calm and disturbed, and its address."""
     first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
-    fails = next((verdict for verdict in (first, *others) if verdict.label not in GOOD), first)
-    only_disturbed = fails.kind in EPISODE_FAILURES and not fails.group.calm
-    sentence, section = wording.NEXT["fails when disturbed" if only_disturbed else fails.kind]
-    return sentence, f"{wording.HELP}#{section}"
+    fails = next((verdict for verdict in (first, *others) if not verdict.good), first)
+    only_disturbed = fails.kind in failures() and not fails.group.calm
+    found = find_advice(FAILS_WHEN_DISTURBED if only_disturbed else fails.kind)
+    return found.sentence, f"{HELP}#{found.section}"
+
+
+# Evidence
 
 
 def _evidence(group: Group, label: str) -> Iterator[str]:
@@ -324,41 +385,64 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
     episodes = group.facts.filter(verdict=label)
     if episodes.is_empty():
         return
-    if label in ("never worked", "cannot tell"):
+    by_goal = outcome(label).by_goal
+    judged = label not in (NeverWorked.name, CannotTell.name)
+    if not judged:
         notes = Counter(filter(None, episodes["note"]))
         yield from (note for note, _ in notes.most_common(1))
-        yield from _behavior(group) if label == "never worked" else ()
-    elif label == "holds" and (group["training_rate"] == group["idle_rate"]).all():
-        yield "an idle robot earns as much"
-    elif label == "holds":
-        yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
-        if paused := int(episodes["ever_idle"].sum()):
-            yield f"{wording.count(paused, 'episode')} scored below 0.25 for a while"
-    elif label not in (REACHES, MISSES):
-        began, half, count = episodes["failed_step"].to_numpy(), group.half_failed_by, len(episodes)
-        if not _idle_first(group, label):
-            by = f"half of the episodes have failed by step {wording.whole(half)}"
-            yield by if np.ptp(began) and np.isfinite(half) else _when("at" if label in ENDS else "since", began)
-        still, worse = episodes["movement_last"] < MOTIONLESS, episodes["end_score_vs_training"] < -0.05
-        for what, found in (("nearly motionless", still), ("earning less than an idle robot", worse)):
-            if label == "fails silently" and (number := int(found.sum())):
-                yield what if number == count else f"{what} in {number} of {count}"
-        (detail, number), *_ = Counter(each.split(" left ")[0] for each in episodes["end_detail"]).most_common(1)
-        if detail.startswith("observation[") and number > 1:
-            yield f"{detail} was the first to leave its training range in {number}"
-        elif label == "diverges" and detail:
-            yield detail.split(";")[0]
-    if label != "cannot tell" and (alike := group.runs_alike):
+        yield from _behavior(group) if label == NeverWorked.name else ()
+    elif label == Holds.name:
+        yield from _holding(group, episodes)
+    elif not by_goal:
+        yield from _failing(group, label, episodes)
+    if label != CannotTell.name and (alike := group.runs_alike):
         runs = len(np.unique(group.runs))
         where = f" in {alike} of {runs} training runs" if runs > 1 else ""
         yield f"{wording.count(len(np.unique(group['eval_seed'])), 'start state')} behave as one{where}"
-    if (rate := group.failure_rate) is not None and label not in (REACHES, MISSES, "cannot tell"):
+    rate = group.failure_rate
+    if rate is not None and not by_goal and label != CannotTell.name:
         yield from _per_hour(group, rate)
+
+
+def _holding(group: Group, episodes: pl.DataFrame) -> Iterator[str]:
+    """Yield how well episodes hold."""
+    if (group["training_rate"] == group["idle_rate"]).all():
+        yield "an idle robot earns as much"
+        return
+    yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
+    paused = int(episodes["ever_idle"].sum())
+    if paused:
+        yield f"{wording.count(paused, 'episode')} scored below {IDLE_BELOW:g} for a while"
+
+
+def _failing(group: Group, label: str, episodes: pl.DataFrame) -> Iterator[str]:
+    """Yield when episodes fail, and how the robots behave then."""
+    count = len(episodes)
+    if not _idle_first(group, label):
+        began = episodes["failed_step"].to_numpy()
+        half = group.half_failed_by
+        by_half = f"half of the episodes have failed by step {wording.whole(half)}"
+        together = _when("at" if label in _ends() else "since", began)
+        yield by_half if np.ptp(began) and np.isfinite(half) else together
+    if label == FailsSilently.name:
+        still = episodes["movement_last"] < MOTIONLESS
+        worse = episodes["end_score_vs_training"] < -0.05
+        for what, found in (("nearly motionless", still), ("earning less than an idle robot", worse)):
+            number = int(found.sum())
+            if number:
+                yield what if number == count else f"{what} in {number} of {count}"
+    details = Counter(each.split(" left ")[0] for each in episodes["end_detail"])
+    detail, number = details.most_common(1)[0]
+    if detail.startswith("observation[") and number > 1:
+        yield f"{detail} was the first to leave its training range in {number}"
+    elif label == Diverges.name and detail:
+        yield detail.split(";")[0]
 
 
 def _per_hour(group: Group, rate: FailureRate) -> Iterator[str]:
     """Yield failures and hours: "falls 5 times in 20 h (mean time between failures 4.0 h, at least 1.9 h, ...)"."""
-    verb = "falls" if {*group.verdicts} & {*EPISODE_FAILURES} == {"falls"} else "fails"
+    only_falls = {*group.verdicts} & {*failures()} == {Falls.name}
+    verb = Falls.name if only_falls else "fails"
     verb = f"{verb} {wording.count(rate.events, 'time')}" if rate.events else "no failure"
     mean = f"{wording.duration(rate.mean_hours)}, " if rate.events else ""
     least = f"{mean}at least {wording.duration(1.0 / rate.upper)}, one-sided 95 %"
@@ -371,13 +455,16 @@ def _per_hour(group: Group, rate: FailureRate) -> Iterator[str]:
 
 def _idle_first(group: Group, label: str) -> bool:
     """Return whether most episodes that ended were idle before."""
-    ended = np.isin(group.verdicts, [label])
-    return label in ENDS and bool((group["failed_step"] < group["end_step"])[ended].mean() > 0.5)
+    if label not in _ends():
+        return False
+    mine = np.isin(group.verdicts, [label])
+    return bool((group["failed_step"] < group["end_step"])[mine].mean() > 0.5)
 
 
 def _when(word: str, steps: IntArray) -> str:
     """Return [500, 500] as "at step 500", [90, 500] as "at steps 90 to 500", and "since" step 0 as "from the start"."""
-    low, high = (wording.whole(float(each)) for each in (steps.min(), steps.max()))
+    low = wording.whole(float(steps.min()))
+    high = wording.whole(float(steps.max()))
     if word == "since" and high == "0":
         return "from the start"
     return f"{word} step {low}" if low == high else f"{word} steps {low} to {high}"
@@ -385,17 +472,31 @@ def _when(word: str, steps: IntArray) -> str:
 
 def _of(number: int, total: int, verb: str) -> str:
     """Return "all 8 fall", "3 of 8 fall" or "1 of 8 falls"."""
-    return f"{f'all {total}' if 1 < number == total else f'{number} of {total}'} {verb}{'s' * (number == 1)}"
+    counted = f"all {total}" if 1 < number == total else f"{number} of {total}"
+    return f"{counted} {verb}s" if number == 1 else f"{counted} {verb}"
 
 
 def _behavior(group: Group) -> list[str]:
     """Return how episodes end and whether robots move, whatever they earn: "3 of 8 fall at steps 90 to 400"."""
-    reason, last, parts = group["end_reason"], group["movement_last"], list[str]()
-    still = (reason == "survived") & (last < MOTIONLESS), (reason == "survived") & (last >= MOTIONLESS)
-    found = {"fall": reason == "terminated", "diverge": reason == "diverged", "stay": still[0], "move": still[1]}
-    for verb, mine in ((verb, mine) for verb, mine in found.items() if mine.any()):
-        when = "until the end" if verb == "move" else _when("at", group["end_step"][mine])
-        when = f"nearly motionless{_settled(group, mine)}" if verb == "stay" else when
+    reason = group["end_reason"]
+    survived = reason == SURVIVED
+    last = group["movement_last"]  # nan where it is unknown: neither motionless nor moving
+    found = {
+        "fall": reason == "terminated",
+        "diverge": reason == "diverged",
+        "stay": survived & (last < MOTIONLESS),
+        "move": survived & (last >= MOTIONLESS),
+    }
+    parts = []
+    for verb, mine in found.items():
+        if not mine.any():
+            continue
+        if verb == "stay":
+            when = f"nearly motionless{_settled(group, mine)}"
+        elif verb == "move":
+            when = "until the end"
+        else:
+            when = _when("at", group["end_step"][mine])
         parts.append(f"{_of(int(mine.sum()), group.episodes, verb)} {when}")
     return parts
 
@@ -416,7 +517,7 @@ def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
 
     Levels at which no verdict is possible decide nothing; they are named.
     """
-    sweeps: dict[tuple[str, str, bool], list[tuple[float, str, str]]] = {}
+    sweeps: dict[tuple[str, str, bool], list[tuple[float, str, Verdict]]] = {}
     for item in estimates:
         disturbance = item.group.disturbance
         kind, level, time = split_text(disturbance)
@@ -424,14 +525,20 @@ def endured(estimates: Sequence[Estimate]) -> Iterator[str]:
             who = item.group.policy_and_clock
             amount = float(level) - neutral_level(kind)
             what = f"{kind}@{time}" if time else kind
-            sweeps.setdefault((who, what, amount < 0), []).append((abs(amount), level, item.verdict.label))
+            sweeps.setdefault((who, what, amount < 0), []).append((abs(amount), level, item.verdict))
     for (who, what, _), found in sweeps.items():
-        levels = [level + " (cannot tell)" * (label == "cannot tell") for _, level, label in sorted(found)]
-        judged = [each for each in sorted(found) if each[2] != "cannot tell"]
-        held = list(takewhile(lambda each: each[2] in GOOD, judged))
+        tried = []
+        judged = []
+        for _, level, verdict in sorted(found, key=lambda each: each[:2]):
+            if verdict.label == CannotTell.name:
+                tried.append(f"{level} ({verdict.label})")
+            else:
+                tried.append(level)
+                judged.append((level, verdict))
+        held = [level for level, _ in takewhile(lambda each: each[1].good, judged)]
         if len(found) > 1 and judged:
-            up_to = f"up to {held[-1][1]}" if held else "at none of these levels"
-            yield f"{who}: nine in ten episodes hold under {what} {up_to} (tried: {', '.join(levels)})."
+            up_to = f"up to {held[-1]}" if held else "at none of these levels"
+            yield f"{who}: nine in ten episodes hold under {what} {up_to} (tried: {', '.join(tried)})."
 
 
 # Clocks
@@ -471,7 +578,8 @@ def best_clock(estimates: Sequence[Estimate]) -> Estimate:
 
 def _as_good(group: Group, best: Group, rng: np.random.Generator) -> bool:
     mine, its = group.paired(best)
-    measures = [[np.isin(each.verdicts, GOOD).astype(np.float64), each.returns[:, -1]] for each in (group, best)]
+    good = outcome_words(good=True)
+    measures = [[np.isin(each.verdicts, good).astype(np.float64), each.returns[:, -1]] for each in (group, best)]
     for values, others in zip(*measures, strict=True):
         if not float(mean_interval(values[mine] - others[its], group.runs[mine], rng).upper) >= 0.0:
             return False  # also where there are too few runs to say

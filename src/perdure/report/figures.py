@@ -12,7 +12,9 @@ import numpy as np
 from perdure.report import charts, wording
 from perdure.report.charts import Axis, Curve, Figure, Level, Marker, Points, Style, curve_chart, point_chart, slug
 from perdure.report.estimates import Estimate, best_clock
-from perdure.report.groups import MISSES, REACHES, failure_times
+from perdure.report.groups import failure_times
+from perdure.report.outcomes import outcome_words
+from perdure.report.scores import HOLDS_FROM
 from perdure.stats import FEWEST_FOR_INTERVAL, TRAINING_SEEDS, Interval, kaplan_meier
 
 MOST_CURVES = 8
@@ -22,7 +24,10 @@ MOST_ROWS = 40
 HALF = 600
 """Width of each of two figures of failures. [px]"""
 _SELECTED = "Of every kind of clock the best C is shown, chosen on these episodes. "
-_FAILURE = "Failure: a fall, a divergence, or a score against its own training that stays below 0.75 until the end. "
+_FAILURE = (
+    "Failure: a fall, a divergence, or a score against its own training that stays below "
+    f"{HOLDS_FROM:g} until the end. "
+)
 Sweeps = dict[tuple[str, str], list[Estimate]]
 
 
@@ -41,16 +46,17 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[list[Figure], list[Figu
     shown = overview(estimates)
     some = len(shown) < len(estimates)
     selected = _SELECTED if some else ""
-    top = [_failures(items, words, shown, selected) for words, items in _panels(shown)]
-    others = [_reward(items, words, shown, selected) for words, items in _panels(shown)]
-    for words, items in _panels(estimates):
+    top = [_failures(items, condition, shown, selected) for condition, items in _panels(shown)]
+    others = [_reward(items, condition, shown, selected) for condition, items in _panels(shown)]
+    for condition, items in _panels(estimates):
         for (line, kind), sweep in _sweeps(items).items():
             if some and len(sweep) > 2:
                 title = f"{line}, {wording.clock(kind, 'C')}"
                 drawn = [item for item in items if not item.group.is_tuned_by_steps] + sweep
                 others += [draw(drawn, title, drawn, "") for draw in (_failures, _reward)]
-        others += _against_c(items, words)
-    task, parts = estimates[0].group.task, ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
+        others += _against_c(items, condition)
+    task = estimates[0].group.task
+    parts = ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
     top, others = ([replace(each, name=slug(task, each.name), heading=task) for each in part] for part in parts)
     return top, others
 
@@ -100,7 +106,8 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
         if item.working.count >= FEWEST_FOR_INTERVAL and np.isfinite(item.verdict.share.lower):
             lower[-1], upper[-1] = item.working.last()
         x = np.clip([low, *at, float(item.group.test_horizon)], low, high)
-        y, watched = np.array([1.0, *share, share[-1]]), times.astype(np.float64)
+        y = np.array([1.0, *share, share[-1]])
+        watched = times.astype(np.float64)
         label = _label(item, chosen)
         lines.append(Curve(label, x, y, look, lower, upper, intervals="last", watched=watched))
     axis = Axis(f"share of episodes that have not failed ({_episodes(chosen)})", percent=True)
@@ -116,11 +123,14 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
 
 def _reward(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate], selected: str) -> Figure:
     """Draw the mean reward per step so far; on a logarithmic axis a cumulative return would be curved."""
-    lines, bands = [], len(chosen) <= MOST_CURVES
+    lines = []
+    bands = len(chosen) <= MOST_CURVES
     low, high = (float(end(item.steps[k] for item in chosen)) for end, k in ((min, 0), (max, -1)))
     for item, look in zip(chosen, _styles(chosen, shown), strict=True):
-        found, steps = item.returns, item.steps.astype(np.float64)
-        lower, upper = found.lower / steps, found.upper / steps
+        found = item.returns
+        steps = item.steps.astype(np.float64)
+        lower = found.lower / steps
+        upper = found.upper / steps
         members = item.return_units / steps if 1 < found.count < FEWEST_FOR_INTERVAL else None
         intervals: Literal["band", "last"] = "band" if bands else "last"
         label = _label(item, chosen)
@@ -148,7 +158,8 @@ def _horizons(chosen: Sequence[Estimate], low: float, high: float) -> list[Marke
 
 def _label(item: Estimate, chosen: Sequence[Estimate]) -> str:
     """Return the name of a curve: without the disturbance where all curves have it, "C = 500" in a sweep."""
-    group, alike = item.group, len({each.group.disturbance for each in chosen}) == 1
+    group = item.group
+    alike = len({each.group.disturbance for each in chosen}) == 1
     swept = len(_sweeps(chosen)) == 1 and len(chosen) > MOST_CURVES // 2
     if swept and group.is_tuned_by_steps:
         return f"C = {wording.whole(group.clock_steps)}"
@@ -181,9 +192,10 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
 
     Tasks that end at the goal have none: how much reward they pay until then says nothing.
     """
-    if any({REACHES, MISSES} & {*item.group.verdicts} for item in shown):
+    if any({*outcome_words(by_goal=True)} & {*item.group.verdicts} for item in shown):
         return
-    lines, unfailed = list[Curve](), list[charts.Row]()
+    lines = list[Curve]()
+    unfailed = list[charts.Row]()
     for item, look in zip(shown, _styles(shown, shown), strict=True):
         group = item.group
         times, failed = failure_times(group.verdicts, group["failed_step"])
@@ -195,7 +207,8 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
         steps = np.minimum(group.steps[places], group["end_step"])
         points = []
         for run in np.unique(group.runs):
-            mine, failures = (group.runs == run) & (times > 0), failed[group.runs == run].sum()
+            mine = (group.runs == run) & (times > 0)
+            failures = failed[group.runs == run].sum()
             if mine.any():
                 speed = earned[mine].sum() / steps[mine].sum() - group["idle_rate"][mine].mean()
                 points.append((times[mine].sum() / max(failures, 1), speed))
@@ -207,7 +220,8 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
     every = np.concatenate([each.x for each in lines]) if lines else np.zeros(0)
     if len(every) < 2:
         return
-    low, high = math.floor(math.log10(every.min() / 1.1)), math.ceil(math.log10(every.max() * 1.1))
+    low = math.floor(math.log10(every.min() / 1.1))
+    high = math.ceil(math.log10(every.max() * 1.1))
     across = Axis("steps between failures", log=True, low=10.0**low, high=10.0**high)
     chart = curve_chart(lines, across, Axis("reward per step until the failure, above that of an idle robot"))
     if unfailed:
@@ -250,7 +264,8 @@ def _against_c(chosen: Sequence[Estimate], words: str) -> Iterator[Figure]:
         return
     lines = []
     for k, ((line, kind), sweep) in enumerate(sweeps.items()):
-        steps, returns = [item.group.clock_steps for item in sweep], [item.final_return for item in sweep]
+        steps = [item.group.clock_steps for item in sweep]
+        returns = [item.final_return for item in sweep]
         columns = map(np.array, (steps, returns, *zip(*(item.returns.last() for item in sweep), strict=True)))
         x, y, lower, upper = columns
         label = f"{line}, {wording.clock(kind, 'C')}"

@@ -20,12 +20,22 @@ from numpy.typing import NDArray
 
 from perdure.disturbances import CALM
 from perdure.report import wording
+from perdure.report.outcomes import (
+    WORKED,
+    CannotTell,
+    Cut,
+    MissesGoal,
+    NeverWorked,
+    ReachesGoal,
+    Unknown,
+    failures,
+    outcome_words,
+    outcomes,
+)
 from perdure.report.schema import GOALS, MEASURES, Episodes, IntArray, table_episodes
+from perdure.report.scores import FEWEST_JUDGED, HOLDS_FROM
 from perdure.stats import BoolArray, FailureRate, FloatArray, kaplan_meier, measure_failure_rate, median_time
 
-REACHES, MISSES = "reaches its goal", "misses its goal"
-"""Verdicts in a task that ends episodes at the goal: of those, and of others that neither fall nor diverge."""
-GOOD = ("holds", REACHES)
 STRAIGHT = 10.0
 """A robot that turns away from its commanded heading by more does not walk straight [degrees a minute]."""
 WALKS = (
@@ -38,7 +48,6 @@ SUCCESSES = [
     for name, none in GOALS.items()
 ]
 """If the environment reports successes in some episodes, those of which it says nothing have none."""
-EPISODE_FAILURES = ("falls", "fails silently", "decays", "diverges")
 NO_CLOCK = "none"
 MOSTLY = 0.5
 """A policy mostly falls in training if more than this share of its reference episodes do."""
@@ -47,39 +56,53 @@ ALIKE = 0.01
 MARKS = 100
 """Most windows in which rewards are compared."""
 _KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
-_ENDED = pl.col("outcome").is_in(["falls", "diverges", REACHES])
-
 ALL = pl.lit(True)
-_REACHED = (pl.col("outcome") == REACHES).any().over("task")
-VERDICT = (
-    pl.when(_REACHED & ~_ENDED)
-    .then(pl.lit(MISSES))
-    .when(~_REACHED & (pl.col("policy_state") != "worked") & ~((pl.col("policy_state") == "cannot tell") & _ENDED))
-    .then(pl.col("policy_state"))
-    .when(pl.col("outcome").is_in(["cut", "unknown"]))
-    .then(pl.lit("cannot tell"))
-    .otherwise(pl.col("outcome"))
-)
-"""Outcome of an episode as reports show it, from a table. A task that ends episodes at the goal judges no rewards."""
-_JUDGED = pl.col("settling") + 5 * pl.col("window")
-"""Steps with which an episode is judged in any case: four windows after settling, and one for rounding."""
-_CUT, _END = pl.col("outcome") == "cut", pl.col("end_step")
-_NOTE = (
-    pl.when(_CUT & (pl.col("policy_state") != "never worked") & (_END.filter(_CUT).min() == _END.max()))
-    .then(pl.format("the environment truncates episodes at step {}: remove its counter", "end_step"))
-    .when(pl.col("policy_state") != "worked")
-    .then(pl.col("policy_note"))
-    .when(_CUT)
-    .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
-    .when((pl.col("outcome") == "unknown") & (pl.col("test_horizon") < _JUDGED))
-    .then(pl.format("too few steps to tell: at least {} are needed", _JUDGED))
-    .when(pl.col("outcome") == "unknown")
-    .then(pl.lit("a final score too close to 75 % to tell"))
-    .otherwise(pl.lit(""))
-)
-"""Why an episode has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
 TRAINING_SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
 """Score of a policy within its training horizon against a published policy of the task; nan: none is known."""
+
+
+def episode_verdicts() -> pl.Expr:
+    """Return the outcome of each episode of a table as reports show it, such as "never worked".
+
+    A task that ends episodes at the goal judges no rewards. In others the state of the policy in training comes first,
+    but an end that the task decided counts for a policy of which nothing can be told.
+    """
+    outcome = pl.col("outcome")
+    state = pl.col("policy_state")
+    ended = outcome.is_in(outcome_words(by_end=True))
+    task_has_goal = (outcome == ReachesGoal.name).any().over("task")
+    shown = {each.name: each.shown_as or each.name for each in outcomes(in_table=True)}
+    return (
+        pl.when(task_has_goal & ~ended)
+        .then(pl.lit(MissesGoal.name))
+        .when(~task_has_goal & (state != WORKED) & ~((state == CannotTell.name) & ended))
+        .then(state)
+        .otherwise(outcome.replace(shown))
+    )
+
+
+def _notes() -> pl.Expr:
+    """Return why an episode has no outcome: the evidence for the state of its policy, or what cut it short; else ""."""
+    cut = pl.col("outcome") == Cut.name
+    unknown = pl.col("outcome") == Unknown.name
+    state = pl.col("policy_state")
+    end = pl.col("end_step")
+    cut_at_one_step = cut & (state != NeverWorked.name) & (end.filter(cut).min() == end.max())
+    # With so many steps an episode is judged in any case; one window is for rounding.
+    enough = pl.col("settling") + (FEWEST_JUDGED + 1) * pl.col("window")
+    return (
+        pl.when(cut_at_one_step)
+        .then(pl.format("the environment truncates episodes at step {}: remove its counter", "end_step"))
+        .when(state != WORKED)
+        .then(pl.col("policy_note"))
+        .when(cut)
+        .then(pl.lit("the environment ended the episodes, for a reason that is no failure"))
+        .when(unknown & (pl.col("test_horizon") < enough))
+        .then(pl.format("too few steps to tell: at least {} are needed", enough))
+        .when(unknown)
+        .then(pl.lit(f"a final score too close to {100 * HOLDS_FROM:.0f} % to tell"))
+        .otherwise(pl.lit(""))
+    )
 
 
 @dataclass(frozen=True)
@@ -100,8 +123,9 @@ class Group:
     steps: IntArray
     """Recorded steps, shape (steps,), rising."""
     facts: pl.DataFrame
-    """One row for each episode: the table's columns, `verdict`, `note` and `training_score` (see `VERDICT`, `_NOTE` and
-    `TRAINING_SCORE`; the score is nan for a policy that mostly falls in training, whose rate lasts for a moment)."""
+    """One row for each episode: the table's columns, `verdict`, `note` and `training_score` (see `episode_verdicts`,
+    `_notes` and `TRAINING_SCORE`; the score is nan for a policy that mostly falls in training, whose rate lasts for a
+    moment)."""
     runs: IntArray
     """Which training run each episode belongs to, shape (episodes,)."""
     returns: FloatArray
@@ -170,14 +194,15 @@ class Group:
     @property
     def one_end(self) -> int | None:
         """The step at which all of eight or more episodes terminate; None for contracts, which have no time limit."""
-        terminated, ends = self["end_reason"] == "terminated", np.unique(self["end_step"])
+        terminated = self["end_reason"] == "terminated"
+        ends = np.unique(self["end_step"])
         found = terminated.all() and len(ends) == 1 and self.episodes >= 8 and not medians(self)
         return int(ends[0]) if found else None
 
     @cached_property
     def failed(self) -> BoolArray:
         """Which episodes fell, diverged, decayed or failed silently, shape (episodes,)."""
-        return np.isin(self.verdicts, EPISODE_FAILURES)
+        return np.isin(self.verdicts, failures())
 
     @cached_property
     def working(self) -> FloatArray:
@@ -200,16 +225,18 @@ class Group:
         Calm episodes have none: they hardly differ, so they are no independent exposure.
         """
         times, failed = failure_times(self.verdicts, self["failed_step"])
-        times, hours = np.minimum(times, self["end_step"]) - self["settling"], float(self["step_seconds"][0]) / 3600.0
+        times = np.minimum(times, self["end_step"]) - self["settling"]
+        hours = float(self["step_seconds"][0]) / 3600.0
         settled = times > 0
-        if self.calm or not np.isfinite(hours) or not settled.any() or "never worked" in self.verdicts:
+        if self.calm or not np.isfinite(hours) or not settled.any() or NeverWorked.name in self.verdicts:
             return None
         return measure_failure_rate(times[settled], failed[settled], hours)
 
     @cached_property
     def runs_alike(self) -> int:
         """Number of training runs whose calm start states behave as one, see `behave_as_one`."""
-        gain, settling = self["training_rate"] - self["idle_rate"], self["settling"]
+        gain = self["training_rate"] - self["idle_rate"]
+        settling = self["settling"]
         parts = [
             self.runs == run for run in np.unique(self.runs) if self.calm and self.alive[self.runs == run, -1].all()
         ]
@@ -222,9 +249,9 @@ class Group:
         An episode that fell before its first whole window counts as 0. A policy that cannot be judged has no score, and
         an episode that the environment cut or that ended at its goal has none.
         """
-        ended = ~self.alive[:, -1] & ~np.isin(self.verdicts, [REACHES])
-        score = np.where(np.isin(self.verdicts, ["cannot tell"]), np.nan, 0.0)
-        return np.where(ended & (self["policy_state"] == "worked"), score, self["end_score_vs_training"])
+        ended = ~self.alive[:, -1] & ~np.isin(self.verdicts, [ReachesGoal.name])
+        score = np.where(np.isin(self.verdicts, [CannotTell.name]), np.nan, 0.0)
+        return np.where(ended & (self["policy_state"] == WORKED), score, self["end_score_vs_training"])
 
     def paired(self, other: Group) -> tuple[list[int], list[int]]:
         """Return the episodes of both groups that have the same policy and start state, in one order."""
@@ -241,9 +268,10 @@ def failure_times(verdicts: Sequence[str], failed_step: IntArray) -> tuple[IntAr
 
     Policies that never worked have failed from the start. What has reached or missed its goal does not fail.
     """
-    never, judged_by_goal = (np.isin(verdicts, each) for each in (["never worked"], [REACHES, MISSES]))
+    never = np.isin(verdicts, [NeverWorked.name])
+    judged_by_goal = np.isin(verdicts, outcome_words(by_goal=True))
     times = np.where(judged_by_goal, np.iinfo(np.int64).max, np.where(never, 0, failed_step))
-    return times, np.isin(verdicts, EPISODE_FAILURES) | never
+    return times, np.isin(verdicts, failures()) | never
 
 
 def half_failed_by(verdicts: Sequence[str], failed_step: IntArray) -> float:
@@ -276,11 +304,11 @@ def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -
     at its goal is seen in the whole table.
     """
     tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
-    whole = pl.concat([task.facts for task in tasks]).with_columns(SUCCESSES, verdict=VERDICT)
+    whole = pl.concat([task.facts for task in tasks]).with_columns(SUCCESSES, verdict=episode_verdicts())
     groups = []
     for task, facts in zip(tasks, whole.partition_by("task", "disturbance", maintain_order=True), strict=True):
         score = pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY).then(TRAINING_SCORE).otherwise(float("nan"))
-        facts = facts.with_row_index("row").filter(mine).with_columns(note=_NOTE, training_score=score)
+        facts = facts.with_row_index("row").filter(mine).with_columns(note=_notes(), training_score=score)
         facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
         order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
         parts = [_make_group(task, part) for part in facts.partition_by("line", "clock")]
@@ -338,17 +366,18 @@ def success_cells(group: Group) -> dict[str, str]:
 
 def reaching(group: Group) -> str:
     """Return "reaches its goal in 18 of 20 episodes, after 43 steps (median, 1.72 s)"."""
-    return f"{REACHES} in {_counted(group, group.verdicts.count(REACHES))}"
+    reaches = ReachesGoal.name
+    return f"{reaches} in {_counted(group, group.verdicts.count(reaches))}"
 
 
 def goal_evidence(group: Group, label: str) -> Iterator[str]:
     """Yield what is to be said of the goal beside the verdict."""
     first, stay, at_end = (group[name] for name in GOALS)
-    if label == REACHES:
+    if label == ReachesGoal.name:
         return
     if (step := group.one_end) is not None:
         yield f"every episode ends at step {step:,}: the environment may report its time limit as a termination"
-    if {REACHES, MISSES} & {*group.verdicts}:
+    if {*outcome_words(by_goal=True)} & {*group.verdicts}:
         yield reaching(group)
     elif not np.isnan(first).any():
         once = int(np.isfinite(first).sum())
@@ -360,7 +389,8 @@ def goal_evidence(group: Group, label: str) -> Iterator[str]:
 
 def _counted(group: Group, number: int) -> str:
     """Return how many episodes these are, and after how many steps an episode has its first success."""
-    counted, steps = f"{number} of {wording.count(group.episodes, 'episode')}", group["goal_first_step"]
+    counted = f"{number} of {wording.count(group.episodes, 'episode')}"
+    steps = group["goal_first_step"]
     if not np.isfinite(steps).any():
         return counted
     middle = np.median(steps[np.isfinite(steps)])

@@ -38,7 +38,8 @@ from perdure.report.estimates import (
     headline,
 )
 from perdure.report.figures import make_figures
-from perdure.report.groups import GOOD, NO_CLOCK, medians, success_cells
+from perdure.report.groups import NO_CLOCK, Group, medians, success_cells
+from perdure.report.outcomes import CannotTell, Outcome, outcome, outcomes
 from perdure.report.schema import FILE_NOTE, IMPORTED, read_episodes
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
@@ -57,7 +58,7 @@ def _template() -> Template:
 
     environment = Environment(autoescape=True, loader=FileSystemLoader(Path(__file__).parent))
     environment.filters["json"] = lambda value: Markup(script_json(value))
-    environment.filters["tone"] = lambda each: "good" if each in GOOD else "unsure" if each == "cannot tell" else "bad"
+    environment.globals["outcomes"] = outcomes
     return environment.get_template("page.html")
 
 
@@ -70,12 +71,13 @@ def header(
     task: str,
     sentence: str,
     points: Sequence[str] = (),
-    verdicts: Sequence[tuple[str, str]] = (),
+    verdicts: Sequence[tuple[Outcome, str]] = (),
     following: Sequence[tuple[str, str]] = (),
 ) -> str:
     """Return a task's name over the sentence that sums it up, and points below it, all plain text.
 
-    `verdicts`: a word, which gets its color, and a sentence. `following`: what to do next, and where it is described.
+    `verdicts`: an outcome, shown as its word in its color, and a sentence. `following`: what to do next, and where it
+    is described.
     """
     return _part("header", task, sentence, points, verdicts, following)
 
@@ -129,15 +131,18 @@ def page(title: str, parts: Sequence[str], command: str, made: str = "") -> str:
 
 # The report of a table
 
-PAGE, STILLS = "report.html", "failure.png"
+PAGE = "report.html"
+STILLS = "failure.png"
 MOST_POINTS = 12
 """Most policies and clocks for which the text gives the evidence."""
 MOST_NAMED = 3
 """Most policies in the title of a page."""
 WATCH = "perdure watch {} --until-failure{} --out failure.mp4"
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/how-to/"
-MOST_SHOWN, MOST_EPISODES = 40, 1000
-"""Most episodes in a table that is open at first, and in one at all."""
+MOST_SHOWN = 40
+"""Most episodes in a table that is open at first."""
+MOST_EPISODES = 1000
+"""Most episodes in a table."""
 Table = pl.DataFrame | str | os.PathLike[str]
 
 
@@ -163,14 +168,17 @@ def write_report(
         PerdureError: The table does not fit the schema, or a format is unknown.
         OSError: The folder cannot be written.
     """
-    by_task, folder, parts, taken = _estimates(table), Path(out), list[str](), set[str]()
+    by_task = _estimates(table)
+    folder = Path(out)
+    parts = list[str]()
+    taken = set[str]()
     folder.mkdir(parents=True, exist_ok=True)
     javascript()  # bundled before figures are drawn: the other way round takes 60 MB more
     for task, estimates in by_task.items():
         top, others = (unique(drawn, taken) for drawn in make_figures(estimates))
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
-        verdicts = [(item.verdict.label, item.verdict.sentence) for item in estimates[:MOST_POINTS]]
+        verdicts = [(outcome(item.verdict.label), item.verdict.sentence) for item in estimates[:MOST_POINTS]]
         after = _advice(estimates, folder, command, notes)
         parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
@@ -224,25 +232,55 @@ def _advice(
     estimates: Sequence[Estimate], folder: Path, command: str, notes: Mapping[str, str] | None
 ) -> list[tuple[str, str]]:
     """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
-    files = list((folder / IMPORTED).glob("*.safetensors"))
     parts: dict[str, list[Verdict]] = {}
     for item in estimates:
         parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
-    found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
-    sentences, of_files = list(found)[:MOST_NAMED], notes is None or any(name.startswith(FILE_NOTE) for name in notes)
-    if of_files and (group := next((item.group for item in estimates if item.group.failed.any()), None)):
-        _, _, module = group.task.rpartition(":")[0].partition(":")
-        left_out = group["not_applied"][0].split(", ")
-        met = (each.label for each in parse_disturbances(group.disturbance.split()) if each.name not in left_out)
-        disturb = " ".join(met) if any(left_out) else group.disturbance
-        clock, first = group.clock_flag, int(group["eval_seed"][group.failed].min())
-        env = shlex.quote(group.task) if ".onnx" in command and not files else ""  # other files name their own
-        options = {"env": env, "modules": shlex.quote(module) if module else "", "steps": group.test_horizon}
-        options |= {"first-eval-seed": first, "clock": clock, "disturb": disturb}
-        flags = "".join(f" --{name} {value}" for name, value in options.items() if value not in (0, NO_CLOCK, CALM, ""))
-        watch = WATCH.format(shlex.quote(str(files[0])) if len(files) == 1 else "POLICY", flags)
-        sentences.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
-    return sentences
+    found = list(dict.fromkeys(advice(verdicts) for verdicts in parts.values()))[:MOST_NAMED]
+    # A function cannot be filmed: only tables of files name them.
+    of_files = notes is None or any(name.startswith(FILE_NOTE) for name in notes)
+    failing = [item.group for item in estimates if item.group.failed.any()]
+    if of_files and failing:
+        watch = _watch_command(failing[0], folder, command)
+        found.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
+    return found
+
+
+def _watch_command(group: Group, folder: Path, command: str) -> str:
+    """Return the command that films the first failed episode of a group.
+
+    Args:
+        group: Episodes, of which some failed.
+        folder: Of the table, where imported policies are.
+        command: What made the table.
+    """
+    files = list((folder / IMPORTED).glob("*.safetensors"))
+    policy = shlex.quote(str(files[0])) if len(files) == 1 else "POLICY"
+    options: dict[str, str | int] = {}
+    if ".onnx" in command and not files:  # other files name their environment
+        options["env"] = shlex.quote(group.task)
+    module = group.task.rpartition(":")[0].partition(":")[2]
+    if module:
+        options["modules"] = shlex.quote(module)
+    options["steps"] = group.test_horizon
+    first = int(group["eval_seed"][group.failed].min())
+    if first > 0:
+        options["first-eval-seed"] = first
+    if group.clock_kind != NO_CLOCK:
+        options["clock"] = group.clock_flag
+    disturb = _applied(group)
+    if disturb not in ("", CALM):
+        options["disturb"] = disturb
+    flags = "".join(f" --{name} {value}" for name, value in options.items())
+    return WATCH.format(policy, flags)
+
+
+def _applied(group: Group) -> str:
+    """Return what of the disturbances the world could do, as `--disturb` takes it."""
+    left_out = group["not_applied"][0].split(", ")
+    if not any(left_out):
+        return group.disturbance
+    asked = parse_disturbances(group.disturbance.split())
+    return " ".join(each.label for each in asked if each.name not in left_out)
 
 
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
@@ -327,8 +365,8 @@ def _episode_rows(item: Estimate) -> Iterator[tuple[str, ...]]:
     group = item.group
     columns = [group[name] for name in ("train_seed", "eval_seed", "failed_step", "end_step", "end_reason")]
     rows = zip(*columns, group.verdicts, group.failed, group.returns[:, -1], strict=True)
-    for run, start, failure, end, reason, outcome, failed, earned in rows:
-        cells = (str(run), str(start), outcome, f"{failure:,}" if failed else "\u2013", f"{end:,}", reason)
+    for run, start, failure, end, reason, word, failed, earned in rows:
+        cells = (str(run), str(start), word, f"{failure:,}" if failed else "\u2013", f"{end:,}", reason)
         yield group.line, group.clock, *cells, wording.quantity(earned)
 
 
@@ -364,8 +402,8 @@ def _clock_rows(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iter
 def not_holding(estimates: Estimates) -> list[str]:
     """Return who does not hold, such as "ppo: falls in 4 of 10 episodes", or why it cannot tell."""
     verdicts = [item.verdict for items in estimates.values() for item in items]
-    found = [verdict for verdict in verdicts if verdict.label not in GOOD]
-    return [each.sentence.rstrip(".") if each.label == "cannot tell" else each.short for each in found]
+    found = [verdict for verdict in verdicts if not verdict.good]
+    return [each.sentence.rstrip(".") if each.label == CannotTell.name else each.short for each in found]
 
 
 def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
@@ -381,7 +419,8 @@ def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
 
 
 def _group(item: Estimate) -> dict[str, Any]:
-    group, share = item.group, item.verdict.share
+    group = item.group
+    share = item.verdict.share
     rate = group.failure_rate
     hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
     return {

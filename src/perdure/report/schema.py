@@ -4,7 +4,8 @@ An episode is one deployed run: a policy under a clock from a start state.
 
 `TABLE` declares every column once: its type, what it may hold and what it means. All episodes of a task under one
 disturbance share their recorded steps. The file's key-value metadata holds `schema`, `version`, the SHA-256 of the file
-and what the writer adds, such as the `command`.
+and what the writer adds, such as the `command`. Columns marked *judged* follow from the others and from the references
+of the policies: `perdure report` computes them again.
 
 """
 
@@ -15,6 +16,7 @@ import math
 import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -25,11 +27,16 @@ from numpy.typing import NDArray
 
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
+from perdure.report.outcomes import OWN_TABLE_WORDS, POLICY_STATES, outcome_words
+from perdure.report.scores import SURVIVED
 from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "4"
+RAW_VERSION = "4"
+"""Of the columns that a simulator gives (`RAW`), part of the identity of stored groups of episodes. Raise it only if
+one of them is added or gets another meaning. The other columns follow from them without simulation."""
 MOST_STEPS = 10**15
 
 # The declaration
@@ -45,6 +52,8 @@ class Column:
     """What it means, with its unit."""
     of: Literal["key", "episode", "step"] = "episode"
     """Whether it identifies the episode, describes it (equal in all its rows), or changes from step to step."""
+    judged: bool = False
+    """Whether it follows from the other columns and the policy's reference; else the evaluation gives it."""
 
     @property
     def type(self) -> type[pl.DataType]:
@@ -55,7 +64,8 @@ class Column:
     def documentation(self) -> str:
         """What it means, with the words it may hold."""
         words = ", ".join(f'"{word}"' for word in self.kind.words) if isinstance(self.kind, Choice) else ""
-        return f"{self.about}: {words}" if words else self.about
+        about = f"{self.about}: {words}" if words else self.about
+        return f"{about} (judged)" if self.judged else about
 
 
 _TYPES: dict[type, tuple[type[pl.DataType], str]] = {
@@ -67,11 +77,12 @@ _TYPES: dict[type, tuple[type[pl.DataType], str]] = {
 }
 NAME = Text(shortest=1)
 """Of a policy, a task, a method or a clock."""
-_STEPS, _RATE, _MOVEMENT = Whole(1, MOST_STEPS), Real(unknown=True), Real(0.0, unknown=True)
-_HORIZON, _CLOCK_STEPS = (Real(least, infinite=True, unknown=True) for least in (1.0, 0.0))
-END_REASONS = ("survived", "terminated", "truncated", "diverged")
-POLICY_STATES = ("worked", "never worked", "cannot tell")
-OUTCOMES = ("holds", "decays", "fails silently", "falls", "diverges", "reaches its goal", "cut", "unknown")
+_STEPS = Whole(1, MOST_STEPS)
+_RATE = Real(unknown=True)
+_MOVEMENT = Real(0.0, unknown=True)
+_HORIZON = Real(1.0, infinite=True, unknown=True)
+_CLOCK_STEPS = Real(0.0, infinite=True, unknown=True)
+END_REASONS = (SURVIVED, "terminated", "truncated", "diverged")
 
 GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0.0}
 """Columns about successes, with the value of an episode that has none."""
@@ -113,25 +124,37 @@ TABLE: dict[str, Column] = {
     ),
     "goal_longest_stay": Column(Real(0.0, unknown=True), "most consecutive steps with a success"),
     "goal_at_end": Column(Real(0.0, 1.0, unknown=True), "1: the last step of the episode is a success; 0: it is none"),
-    "idle_rate": Column(_RATE, "reward per step of an idle robot: the better of zero and random actions"),
-    "training_rate": Column(_RATE, "reward per step of the policy within its training horizon"),
-    "published_rate": Column(_RATE, "reward per step of a published policy of the task; nan: none is known"),
-    "window": Column(Whole(0, MOST_STEPS), "steps of the windows that are judged; 0: none"),
-    "settling": Column(Whole(0, MOST_STEPS), "steps at the start that the score leaves out; 0: none"),
-    "policy_state": Column(Choice(POLICY_STATES), "whether it gains enough over idle within its training horizon"),
-    "policy_note": Column(Text(2000), "the evidence for that"),
+    "idle_rate": Column(_RATE, "reward per step of an idle robot: the better of zero and random actions", judged=True),
+    "training_rate": Column(_RATE, "reward per step of the policy within its training horizon", judged=True),
+    "published_rate": Column(
+        _RATE, "reward per step of a published policy of the task; nan: none is known", judged=True
+    ),
+    "window": Column(Whole(0, MOST_STEPS), "steps of the windows that are judged; 0: none", judged=True),
+    "settling": Column(Whole(0, MOST_STEPS), "steps at the start that the score leaves out; 0: none", judged=True),
+    "policy_state": Column(
+        Choice(POLICY_STATES), "whether it gains enough over idle within its training horizon", judged=True
+    ),
+    "policy_note": Column(Text(2000), "the evidence for that", judged=True),
     "training_falls": Column(
         Real(0.0, 1.0, unknown=True),
         "share of the policy's reference episodes that the task ended within the training horizon; nan: unknown",
+        judged=True,
     ),
-    "outcome": Column(Choice(OUTCOMES), "the verdict on the episode"),
-    "failed_step": Column(Whole(0, MOST_STEPS), "steps before the failure began; without a failure, all its steps"),
+    "outcome": Column(
+        NAME, "the verdict on the episode: " + ", ".join(f'"{word}"' for word in OWN_TABLE_WORDS), judged=True
+    ),
+    "failed_step": Column(
+        Whole(0, MOST_STEPS), "steps before the failure began; without a failure, all its steps", judged=True
+    ),
     "end_score_vs_training": Column(
         Real(unknown=True),
         "score against its own training in the last tenth, or before the episode ended: (rate - idle_rate) / "
         "(training_rate - idle_rate), 0: an idle robot, 1: as in training; nan: not known",
+        judged=True,
     ),
-    "ever_idle": Column(Flag(), "two consecutive windows after settling scored below 0.25: hardly better than idle"),
+    "ever_idle": Column(
+        Flag(), "two consecutive windows after settling scored below 0.25: hardly better than idle", judged=True
+    ),
 }
 _MEASURE = Real(0.0, unknown=True)
 MEASURES: dict[str, Column] = {
@@ -146,21 +169,29 @@ COLUMNS: dict[str, type[pl.DataType]] = {name: column.type for name, column in T
 EPISODE = tuple(name for name, column in TABLE.items() if column.of == "key")
 OF_EPISODE = tuple(name for name, column in TABLE.items() if column.of == "episode")
 CURVES = tuple(name for name, column in TABLE.items() if column.of == "step")
-ROW = Table(
-    {name: column.kind for name, column in TABLE.items()},
-    rules=(
-        Rule(
-            f"train_horizon must be at most {MOST_STEPS:.0e} steps, or infinite",
-            lambda of: of("train_horizon").is_finite() & (of("train_horizon") > MOST_STEPS),
-        ),
-        Rule("the recorded step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
-        Rule("end_step lies beyond the test horizon", lambda of: of("end_step") > of("test_horizon")),
-        Rule("failed_step lies beyond the test horizon", lambda of: of("failed_step") > of("test_horizon")),
-        Rule("the episode is alive after its end_step", lambda of: of("alive") & (of("step") > of("end_step"))),
-        Rule("the episode has ended before its end_step", lambda of: ~of("alive") & (of("step") < of("end_step"))),
+JUDGED = tuple(name for name, column in TABLE.items() if column.judged)
+RAW = tuple(name for name in TABLE if name not in JUDGED)
+
+
+@cache
+def row_kind() -> Table:
+    """Return what one row may hold; its outcome may be one that another package registers."""
+    kinds = {name: column.kind for name, column in TABLE.items()}
+    return Table({**kinds, "outcome": Choice(outcome_words(in_table=True))}, RULES)
+
+
+RULES = (
+    Rule(
+        f"train_horizon must be at most {MOST_STEPS:.0e} steps, or infinite",
+        lambda of: of("train_horizon").is_finite() & (of("train_horizon") > MOST_STEPS),
     ),
+    Rule("the recorded step lies beyond the test horizon", lambda of: of("step") > of("test_horizon")),
+    Rule("end_step lies beyond the test horizon", lambda of: of("end_step") > of("test_horizon")),
+    Rule("failed_step lies beyond the test horizon", lambda of: of("failed_step") > of("test_horizon")),
+    Rule("the episode is alive after its end_step", lambda of: of("alive") & (of("step") > of("end_step"))),
+    Rule("the episode has ended before its end_step", lambda of: ~of("alive") & (of("step") < of("end_step"))),
 )
-"""One row, checked."""
+"""What the columns of a row have in common."""
 NOTES = dict[str, Annotated[str, Meta(max_length=100_000)] | None]
 """The file's metadata: any text, for `printable` to clean where it is shown."""
 __doc__ = "\n".join(
@@ -258,7 +289,8 @@ def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
 def sealed(content: bytes) -> bytes:
     """Return the file with its SHA-256 in its metadata; the digest's own digits count as zeros."""
     at = content.rfind(_SEAL)
-    before, after = content[:at], content[at + len(_UNSEALED) :]
+    before = content[:at]
+    after = content[at + len(_UNSEALED) :]
     return before + _SEAL + hashlib.sha256(before + _UNSEALED + after).hexdigest().encode() + after
 
 
@@ -316,7 +348,7 @@ def _episodes(column: Columns, names: Collection[str], name: str) -> tuple[Episo
     if column("step").is_empty():
         raise PerdureError(f"{name} has no rows.")
     try:
-        check_columns(column, ROW)
+        check_columns(column, row_kind())
         check_columns(column, Table(dict.fromkeys(measures, _MEASURE)))
     except PerdureError as error:
         raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: {error}.") from None
@@ -358,7 +390,8 @@ def _episodes(column: Columns, names: Collection[str], name: str) -> tuple[Episo
                 f"{name}: the episodes on {task}{under} do not share their recorded steps and test horizon."
             )
         parts.append((steps[index[0]], facts[mine], order[index]))
-    returns, alive = column("return").to_numpy(), column("alive").to_numpy()
+    returns = column("return").to_numpy()
+    alive = column("alive").to_numpy()
     return tuple(Episodes(at, described, returns[rows], alive[rows]) for at, described, rows in parts)
 
 

@@ -1,4 +1,4 @@
-"""Format numbers for readers, and say what to do next."""
+"""Format numbers for readers."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def clock(kind: str, steps: str) -> str:
 
 def sample(counts: Sequence[int], noun: str) -> str:
     """Return the sample size in words: [6, 6], "episode" -> "n = 6 episodes each"; [4, 6] -> "n = 4 to 6 episodes"."""
-    least, most = min(counts), max(counts)
+    least = min(counts)
+    most = max(counts)
     if least < most:
         return f"n = {least:,} to {count(most, noun)}"
     return f"n = {count(most, noun)}" + (" each" if len(counts) > 1 else "")
@@ -63,27 +64,3 @@ def duration(hours: float) -> str:
     unit, size = next(((u, s) for u, s in (("h", 1.0), ("min", 1 / 60)) if hours >= s), ("s", 1 / 3600))
     value = hours / size
     return f"{value:.1f} {unit}" if value < 10.0 else f"{value:,.0f} {unit}"
-
-
-HELP = "https://github.com/perdure/perdure/blob/main/docs/how-to/when-a-policy-fails.md"
-_GAMMA = "Train with gamma 0.999 (a robot: first perdure robot check). If it then learns too little, add a time-to-go."
-_INPUTS = "Check normalizer, time feature, training horizon (a robot: perdure robot check). If right, train longer."
-NEXT = {
-    "holds": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
-    "reaches its goal": ("Confirm it on other start states (--first-eval-seed).", "it-holds"),
-    "falls": (_GAMMA, "falls-or-fails-when-disturbed"),
-    "fails when disturbed": (_GAMMA, "falls-or-fails-when-disturbed"),
-    "ends at one step": (
-        "Check whether the environment reports its time limit as a termination.",
-        "falls-within-its-own-training-horizon",
-    ),
-    "falls in training": (_INPUTS, "falls-within-its-own-training-horizon"),
-    "diverges": ("Watch the failure: the physics became invalid.", "diverges"),
-    "fails silently": ("Watch the failure. End training episodes in this posture.", "fails-silently-or-decays"),
-    "decays": ("Watch the failure. Then compare clocks, or raise gamma.", "fails-silently-or-decays"),
-    "misses its goal": ("Watch an episode that misses it. Then train longer.", "misses-its-goal"),
-    "never worked": (_INPUTS, "never-worked"),
-    "cut": ("Remove the step counter inside the environment, or whatever else truncates episodes.", "cannot-tell"),
-    "cannot tell": ("Run more steps and more start states (--steps, --eval-seeds).", "cannot-tell"),
-}
-"""What to do next: the label of a verdict, or a special case of it, to a sentence and its section of `HELP`."""
