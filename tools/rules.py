@@ -36,7 +36,7 @@ MEGABYTES = {"policies": 100, "tables and figures": 25}
 WORDS = 300
 """Words of a page that is not in PAGES, as `wc -w` counts them."""
 PAGES = {
-    "CONTRIBUTING.md": 900,
+    "CONTRIBUTING.md": 1_100,
     "README.md": 750,
     "docs/explanation/architecture.md": 1_050,
     "docs/explanation/thesis.md": 450,
@@ -49,7 +49,7 @@ PAGES = {
     "docs/home/training.md": 1_200,
     "docs/home/world.md": 1_400,
     "docs/how-to/any-policy.md": 1_100,
-    "docs/how-to/disturb-a-policy.md": 700,
+    "docs/how-to/disturb-a-policy.md": 800,
     "docs/how-to/export-onnx.md": 350,
     "docs/how-to/long-runs.md": 550,
     "docs/how-to/reproduce-the-horizon-study.md": 400,

@@ -9,7 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from perdure.cli.commands import write_and_show
+from perdure.cli.extrapolate import write_and_show
 from perdure.evaluate import ExtrapolationResult
 from perdure.report import estimate_table, write_table
 from perdure.report.page import not_holding, summary_json

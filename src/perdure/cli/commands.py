@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -22,7 +23,10 @@ PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A policy f
 
 def main(name: str, args: list[str]) -> None:
     """Run a command of this module."""
-    call(COMMANDS[name], args, name)
+    if name == "watch":
+        watch(call(Watch, args, name))
+    else:
+        call(COMMANDS[name], args, name)
 
 
 def import_model(
@@ -98,62 +102,68 @@ def read_clock(flag: str, text: str | None, policy: PolicyLike, steps: int | Non
     return Countdown(float(steps)) if text == "countdown" and steps is not None else parse_clock(text)
 
 
-def watch(
-    policy: PolicyName,
-    env: str | None = None,
-    clock: str | None = None,
-    until_failure: bool = False,
-    beside: str | None = None,
-    disturb: tuple[str, ...] = (),
-    out: Path = Path("film.mp4"),
-    steps: int = 10_000,
-    eval_seeds: int = 10,
-    first_eval_seed: int = 0,
-    modules: tuple[str, ...] = (),
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Watch:
     """Film a policy as it fails. Needs the extra perdure[film].
 
     Any environment of Gymnasium that renders rgb_array can be filmed. EnvPool cannot render: the film of its tasks, and
     the search for a failure, use Gymnasium's environment of the same name, on another build of MuJoCo.
-
-    Args:
-        env: For model.onnx: its environment, or the contract of its robot.
-        clock: Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its
-            own clock), which is used if left out.
-        until_failure: Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s.
-        beside: A second clock, such as constant:500, from the same start state: two films side by side.
-        disturb: What disturbs the episode, such as push:0.5. Without --beside, a calm episode is shown beside it.
-        out: The film: .mp4, .gif or .webp.
-        steps: Steps of each episode, unless it ends earlier.
-        eval_seeds: Start states among which a failure is searched for.
-        first_eval_seed: First start state.
-        modules: Python modules that the policy's task may import.
     """
+
+    policy: PolicyName
+    env: str | None = None
+    """For model.onnx: its environment, or the contract of its robot."""
+    clock: str | None = None
+    """Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its own
+    clock), which is used if left out."""
+    until_failure: bool = False
+    """Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s."""
+    beside: str | None = None
+    """A second clock, such as constant:500, from the same start state: two films side by side."""
+    disturb: tuple[str, ...] = ()
+    """What disturbs the episode, such as push:0.5. Without --beside, a calm episode is shown beside it."""
+    out: Path = Path("film.mp4")
+    """The film: .mp4, .gif or .webp."""
+    steps: int = 10_000
+    """Steps of each episode, unless it ends earlier."""
+    eval_seeds: int = 10
+    """Start states among which a failure is searched for."""
+    first_eval_seed: int = 0
+    """First start state."""
+    modules: tuple[str, ...] = ()
+    """Python modules that the policy's task may import."""
+
+
+def watch(flags: Watch) -> None:
+    """Film a policy and say what the film shows."""
     from perdure.envs import task_of_environment
     from perdure.evaluate import watch as films
     from perdure.evaluate.run import load, read_file
     from perdure.policy import find_policy
     from perdure.policy.onnx import is_onnx, model_digest
 
-    model = is_onnx(policy)
-    file = Path(policy) if model else find_policy(policy)
-    if model == (env is None):
+    model = is_onnx(flags.policy)
+    file = Path(flags.policy) if model else find_policy(flags.policy)
+    if model == (flags.env is None):
         load(file)  # raises what it is, if it is of another library
-        raise PerdureError(f"{policy}: an ONNX model needs its environment, --env Hopper-v5; other policies take none")
-    loaded = read_file(file, model_digest(file), task_of_environment(env) if env else "", None)
+        raise PerdureError(
+            f"{flags.policy}: an ONNX model needs its environment, --env Hopper-v5; other policies take none"
+        )
+    task = "" if flags.env is None else task_of_environment(flags.env)
+    loaded = read_file(file, model_digest(file), task, None)
     film = films.watch(
         loaded,
-        out,
-        clock=read_clock("--clock", clock, loaded, steps),
-        beside=read_clock("--beside", beside, loaded, steps),
-        disturb=disturb,
-        until_failure=until_failure,
-        steps=steps,
-        eval_seeds=eval_seeds,
-        first_eval_seed=first_eval_seed,
-        modules=modules,
+        flags.out,
+        clock=read_clock("--clock", flags.clock, loaded, flags.steps),
+        beside=read_clock("--beside", flags.beside, loaded, flags.steps),
+        disturb=flags.disturb,
+        until_failure=flags.until_failure,
+        steps=flags.steps,
+        eval_seeds=flags.eval_seeds,
+        first_eval_seed=flags.first_eval_seed,
+        modules=flags.modules,
     )
-    known = env or loaded.task.name.startswith("gymnasium:")
+    known = flags.env or loaded.task.name.startswith("gymnasium:")
     build = "" if known else "; a policy of EnvPool was trained on another build"
     print(*film.sentences, f"Filmed in {film.world}{build}.", sep="\n")
     print(f"\nFilm: {film.path.resolve()}")
@@ -223,7 +233,6 @@ def robot(
 COMMANDS: dict[str, Callable[..., None]] = {
     "import": import_model,
     "export": export,
-    "watch": watch,
     "card": card,
     "list": list_names,
     "inspect": inspect,

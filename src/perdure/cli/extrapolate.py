@@ -149,8 +149,10 @@ def report(table: tyro.conf.Positional[Path], out: Path | None = None, formats: 
         formats: File formats of the figures beside the page.
     """
     table = find_table(table)
-    if out is not None and (other := find_table(out)) != out and other.exists() and not other.samefile(table):
-        raise PerdureError(f"{out} holds another evaluation, whose report would be replaced: name another folder")
+    if out is not None and out.is_dir():
+        other = find_table(out)
+        if other.exists() and not other.samefile(table):
+            raise PerdureError(f"{out} holds another evaluation, whose report would be replaced: name another folder")
     write_and_show(table, out or table.parent, formats)
 
 
@@ -182,6 +184,7 @@ def write_and_show(
         print(summary_text(estimates))
     page = write_report(estimates, out, notes.get("command", ""), formats, notes, table.parent / STILLS).resolve()
     print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
-    if require is not None and (missed := not_holding(estimates)):
+    missed = [] if require is None else not_holding(estimates)
+    if missed:
         print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)
         raise SystemExit(NOT_HOLDING)
