@@ -24,11 +24,11 @@ DENSE = ("src", "studies")
 """Where dense statements are counted."""
 GENERATED = ("docs/_build", "docs/reference/api", "docs/reference/cli.md", "docs/home/skills.md")
 
-TUPLE_ASSIGNMENTS = 535
+TUPLE_ASSIGNMENTS = 249
 """Assignments of the form `a, b = x, y`, in DENSE."""
-PER_THOUSAND_LINES = {"ternaries": 19.0, "walruses": 2.5}
+PER_THOUSAND_LINES = {"ternaries": 13.4, "walruses": 1.7}
 """In DENSE."""
-EXEMPTIONS = 12
+EXEMPTIONS = 5
 """Functions or files that may break a rule of ruff in LIMITED: rows in pyproject.toml and `noqa` comments."""
 LIMITED = ("C901", "PLR0913")
 MEGABYTES = {"policies": 100, "tables and figures": 25}
@@ -66,7 +66,7 @@ PAGES = {
     "docs/tutorials/my-own-environment.md": 400,
     "docs/tutorials/time-to-go-in-sb3.md": 500,
     "results/cure/registered.md": 550,
-    "results/disturbance/README.md": 1_300,
+    "results/disturbance/README.md": 1_250,
     "results/horizon/README.md": 2_200,
     "results/horizon/registered.md": 600,
     "results/placement/README.md": 1_950,

@@ -25,7 +25,9 @@ def main(args: Sequence[str] | None = None) -> None:
     Args:
         args: The arguments of the program; by default those of this process.
     """
-    words = sys.argv[1:] if args is None else list(args)
+    if args is None:
+        args = sys.argv[1:]
+    words = list(args)
     from perdure.cli import prepare_terminal, resumes, run
 
     prepare_terminal()
@@ -41,9 +43,13 @@ def main(args: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt as interrupt:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the end is not to be interrupted
-        then = "run the same command to continue" if resumes(words) else "the same command starts from the beginning"
+        then = "the same command starts from the beginning"
+        if resumes(words):
+            then = "run the same command to continue"
         print(f"perdure: interrupted; {then}", file=sys.stderr)
-        sys.exit(143 if isinstance(interrupt, _TerminatedError) else 130)
+        if isinstance(interrupt, _TerminatedError):
+            sys.exit(143)
+        sys.exit(130)
     except (PerdureError, OSError) as error:
         print(f"perdure: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
@@ -54,7 +60,9 @@ class _TerminatedError(KeyboardInterrupt):
 
 
 def _stop(number: int, frame: object) -> None:
-    raise _TerminatedError if number == signal.SIGTERM else KeyboardInterrupt
+    if number == signal.SIGTERM:
+        raise _TerminatedError
+    raise KeyboardInterrupt
 
 
 def _raise_again(others: Callable[..., None], dropped: Any) -> None:
@@ -63,7 +71,9 @@ def _raise_again(others: Callable[..., None], dropped: Any) -> None:
     if not issubclass(kind, KeyboardInterrupt):
         others(dropped)
         return
-    number = signal.SIGTERM if issubclass(kind, _TerminatedError) else signal.SIGINT
+    number = signal.SIGINT
+    if issubclass(kind, _TerminatedError):
+        number = signal.SIGTERM
     signal.signal(signal.SIGALRM, lambda alarm, frame: _stop(number, frame))
     signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
 
@@ -79,7 +89,9 @@ def _show_warning(others: Callable[..., None], message: Warning | str, category:
 def _sentence(error: ValueError | OSError) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        text = error.strerror
+        if error.filename:
+            text = f"{error.filename}: {text}"
     return printable(os.fsencode(text).decode("utf-8", "backslashreplace"))
 
 

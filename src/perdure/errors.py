@@ -48,17 +48,23 @@ def did_you_mean(name: object, names: Iterable[str], most: int = 1, first: Seque
     folded = {each.casefold(): each for each in names}
     near = difflib.get_close_matches(str(name)[:80].casefold(), folded, n=most, cutoff=0.65)
     offered = [*first, *(folded[each] for each in near)]
-    return f"; did you mean {' or '.join(map(repr, offered))}?" if offered else ""
+    if not offered:
+        return ""
+    return f"; did you mean {' or '.join(map(repr, offered))}?"
 
 
-call_pages = [mmap.mmap(-1, PAGE_BYTES := 512)]
+PAGE_BYTES = 512
+"""Of a page: the words of one call, cut to a quarter."""
+call_pages = [mmap.mmap(-1, PAGE_BYTES)]
 """What third-party code this process and its workers are calling, readable when it hangs or has ended the process."""
 _numbers = itertools.count()
 
 
 def note_call(words: str) -> None:
     """Write into this process's page what is called from now on; "" for nothing."""
-    text = f"{next(_numbers)} {words}"[: PAGE_BYTES // 4] if words else ""
+    text = ""
+    if words:
+        text = f"{next(_numbers)} {words}"[: PAGE_BYTES // 4]
     call_pages[0].seek(0)
     call_pages[0].write(text.encode() + b"\0")
 

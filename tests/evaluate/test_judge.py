@@ -74,9 +74,9 @@ perdure.report.scores.HOLDS_FROM = float(sys.argv[1])
 REPORT = (
     AGAIN
     + """
-from perdure.cli.extrapolate import main
+from perdure.__main__ import main
 
-main("report", [sys.argv[2], "--out", sys.argv[3]])
+main(["report", sys.argv[2], "--out", sys.argv[3]])
 """
 )
 

@@ -17,6 +17,7 @@ from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, ExtrapolationResult
 from perdure.evaluate.options import OWN_CLOCK
 from perdure.report.charts import Format
+from perdure.report.outcomes import NeverWorked
 
 NOT_HOLDING = 3
 """Exit code of `--require holds` if something does not hold."""
@@ -63,8 +64,6 @@ def extrapolate(flags: Flags, command: str) -> None:
         flags: Of the command.
         command: The command line, stored with the table.
     """
-    from perdure.report.outcomes import NeverWorked
-
     function = any(is_function(str(each)) for each in flags.policies)
     with redirect_stdout(sys.stderr if flags.json else sys.stdout):  # environments and functions may print
         result = _evaluate_function(flags, command) if function else _evaluate_files(flags, command)

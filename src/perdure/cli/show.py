@@ -21,7 +21,8 @@ def tasks(suite: str | None = None) -> str:
     """Return the tasks of one suite, one a line; for None the first tasks of every suite."""
     from perdure.envs import list_tasks
 
-    lines, width = list[str](), shutil.get_terminal_size().columns
+    lines: list[str] = []
+    width = shutil.get_terminal_size().columns
     for name, members in groupby(list_tasks(suite), key=lambda task: task.suite):
         names = [task.name for task in members]
         rows = [f"  {each}" for each in names]
@@ -55,8 +56,10 @@ def policies() -> str:
 
     rows = []
     for name, path in shipped_policies().items():
-        label = f"  # {LABELS[name]}" if name in LABELS else ""
-        rows.append(f"{name:36} {load_policy(path).provenance.get('command', '')}{label}")
+        row = f"{name:36} {load_policy(path).provenance.get('command', '')}"
+        if name in LABELS:
+            row += f"  # {LABELS[name]}"
+        rows.append(row)
     return "\n".join(rows)
 
 
@@ -66,8 +69,10 @@ def disturbances() -> str:
 
     rows = []
     for name, kind in Effect.kinds().items():
-        source = f" ({kind.source})" if kind.source else ""
-        rows.append(f"{f'{name}:{kind.example:g}':23} {kind.words}{source}")
+        row = f"{f'{name}:{kind.example:g}':23} {kind.words}"
+        if kind.source:
+            row += f" ({kind.source})"
+        rows.append(row)
     return "\n".join(rows)
 
 
@@ -77,18 +82,22 @@ def observations() -> str:
 
     rows = []
     for name, kind in ObservationTerm.kinds().items():
-        others = f" (also {', '.join(kind.aliases)})" if kind.aliases else ""
-        rows.append(f"{name:20} {kind.words}{others}")
+        row = f"{name:20} {kind.words}"
+        if kind.aliases:
+            row += f" (also {', '.join(kind.aliases)})"
+        rows.append(row)
     return "\n".join(rows)
 
 
 def _within(subject: Policy) -> str:
     """Return what a policy does within its training horizon, in one line."""
-    if (reference := subject.reference) is None:
+    reference = subject.reference
+    if reference is None:
         return "not measured"
-    falls, episodes = int(reference.terminated.sum()), len(reference.lengths)
+    falls = int(reference.terminated.sum())
     return (
-        f"mean return {reference.returns.mean():,.0f} in {episodes} episodes of at most {reference.horizon} steps, "
+        f"mean return {reference.returns.mean():,.0f} in {len(reference.lengths)} episodes of at most "
+        f"{reference.horizon} steps, "
         f"{reference.rate:.3g} a step, {falls} ended by the task"
     )
 
@@ -97,12 +106,16 @@ def policy_text(subject: Policy) -> str:
     """Return the contents of a policy file as text."""
     weights = sum(array.size for array in subject.weights.values())
     protocol = subject.protocol
-    phi = "none" if protocol.embedding is None else f"{protocol.embedding}"
+    phi = "none"
+    if protocol.embedding is not None:
+        phi = f"{protocol.embedding}"
+    if protocol.normalize_embedding:
+        phi += ", normalized (replication)"
     rows = {
         "task": f"{subject.task.name}, observations of {subject.task.observation_size}, "
         f"actions of {subject.task.action_size}",
         "network": f"{weights:,} weights, {subject.activation}",
-        "time-to-go input": phi + (", normalized (replication)" if protocol.normalize_embedding else ""),
+        "time-to-go input": phi,
         "training horizon": f"{protocol.horizon}, its end counts as {protocol.end}",
         "gamma": f"{protocol.gamma:g} (reward normalizer {protocol.normalizer_gamma:g})",
         "clock": "none" if subject.clock is None else subject.clock.label,
@@ -135,15 +148,17 @@ def model_text(path: str) -> str:
     except PerdureError as error:
         rows = {"not read": str(error)}
     rounded = ", ".join(name for name, value in notes.items() if re.fullmatch(ROUNDED, value))
-    rows |= {"warning": f"perhaps rounded to three decimals: {rounded}"} if rounded else {}
-    lines = list[str]()
+    if rounded:
+        rows["warning"] = f"perhaps rounded to three decimals: {rounded}"
+    lines: list[str] = []
     for names, beside in TABLES.items():
         columns = {each: re.findall(r"[^\s,\"\[\]]+", notes[each]) for each in notes if re.match(beside, each)}
         columns = {each: cells for each, cells in columns.items() if len(cells) == len(columns.get(names, ()))}
         table = [(each, *columns[each]) for each in sorted(columns, key=lambda each: each != names)]
         widths = [max(map(len, column)) for column in table]
         lines += ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*table, strict=True)]
-        lines += [""] if table else []
+        if table:
+            lines.append("")
         notes = {name: value for name, value in notes.items() if name not in columns}
     rows |= {name: textwrap.shorten(value, 200) for name, value in notes.items()}
     return "\n".join([*(f"{name:17} {value}" for name, value in rows.items()), "", *lines]).rstrip()

@@ -179,9 +179,9 @@ def evaluate(
         groups = _Groups(subjects, worlds, store, episodes)
         groups.run(evaluation.max_episodes, execution, keep_going=of_files)
         # The table: raw columns of all episodes, then the verdicts.
-        frame = with_not_applied(groups.table(), conditions)
+        raw = with_not_applied(groups.table(), conditions)
         baselines = groups.baselines()
-        frame = judge_table(frame, make_scales(baselines, worlds.task))
+        frame = judge_table(raw, make_scales(baselines, subjects[0].policy.task.name))
         files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
         if execution.out is None:
             return ExtrapolationResult(frame, None, files, baselines)
@@ -275,7 +275,7 @@ class _Groups:
     def baselines(self) -> dict[PolicyKey, Baseline]:
         """Return what the rewards of each policy are compared with."""
         idle = read_idle(self._store.get(self._idle_unit().key))
-        found: dict[PolicyKey, Baseline] = {}
+        found = dict[PolicyKey, Baseline]()
         for subject in self._subjects:
             reference = subject.policy.reference
             if reference is None:
