@@ -43,8 +43,10 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
         if refused := options.keys() & {"clocks", "hours", "out", "recurrent"}:
             raise PerdureError(f"VerdictCallback takes no {', '.join(sorted(refused))}")
         super().__init__()
-        self.env, self.options = env, {"steps": steps, **options}
-        self.every_steps, self._evaluated = whole("every_steps", every_steps, 1), 0
+        self.env = env
+        self.options = {"steps": steps, **options}
+        self.every_steps = whole("every_steps", every_steps, 1)
+        self._evaluated = 0
         self.result: ExtrapolationResult | None = None
 
     def _on_training_start(self) -> None:
@@ -57,7 +59,9 @@ class VerdictCallback(BaseCallback):  # type: ignore[misc]
         return True
 
     def _on_training_end(self) -> None:
-        model, normalizer, space = self.model, self.model.get_vec_normalize_env(), self.model.observation_space
+        model = self.model
+        normalizer = model.get_vec_normalize_env()
+        space = model.observation_space
         recurrent = hasattr(model.policy, "lstm_actor")  # RecurrentPPO of sb3-contrib
 
         def act(observations: Any, state: Any = None, starts: Any = None) -> Any:

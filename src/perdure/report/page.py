@@ -40,7 +40,7 @@ from perdure.report.estimates import (
 from perdure.report.figures import make_figures
 from perdure.report.groups import NO_CLOCK, Group, medians, success_cells
 from perdure.report.outcomes import CannotTell, Outcome, outcome, outcomes
-from perdure.report.schema import FILE_NOTE, IMPORTED, read_episodes
+from perdure.report.schema import FILE_NOTE, IMPORTED, TABLE, read_episodes
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
@@ -329,6 +329,13 @@ def _outcomes(verdicts: Sequence[str]) -> str:
 
 
 END_SCORE = "end vs training"
+
+
+def _column_cell(name: str) -> Callable[[Estimate], str]:
+    """Return the cell that shows the mean of a column of the table."""
+    return lambda item: _mean(item.group[name])
+
+
 _CELLS: dict[str, Callable[[Estimate], str]] = {
     "policy": lambda item: item.group.line,
     "clock": lambda item: item.group.clock,
@@ -339,7 +346,7 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
     "verdict": lambda item: item.verdict.label,
     END_SCORE: lambda item: wording.quantity(float(item.final_score.estimate)),
     "running": lambda item: _mean(item.group.alive[:, -1]),
-    "ever idle": lambda item: _mean(item.group["ever_idle"]),
+    **{column.heading: _column_cell(name) for name, column in TABLE.items() if column.heading},
     "training vs published": lambda item: _mean(item.group["training_score"]),
     "half failed by": lambda item: (
         wording.whole(steps) if np.isfinite(steps := item.group.half_failed_by) else "\u2013"

@@ -54,6 +54,8 @@ class Column:
     """Whether it identifies the episode, describes it (equal in all its rows), or changes from step to step."""
     judged: bool = False
     """Whether it follows from the other columns and the policy's reference; else the evaluation gives it."""
+    heading: str = ""
+    """The page shows the mean over the episodes of a policy and clock under this heading; "": it does not."""
 
     @property
     def type(self) -> type[pl.DataType]:
@@ -153,7 +155,10 @@ TABLE: dict[str, Column] = {
         judged=True,
     ),
     "ever_idle": Column(
-        Flag(), "two consecutive windows after settling scored below 0.25: hardly better than idle", judged=True
+        Flag(),
+        "two consecutive windows after settling scored below 0.25: hardly better than idle",
+        judged=True,
+        heading="ever idle",
     ),
 }
 _MEASURE = Real(0.0, unknown=True)
