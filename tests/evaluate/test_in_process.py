@@ -19,10 +19,11 @@ import perdure
 from perdure.envs import GymnasiumWorld, make_world
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate.judge import BASELINES, read_baselines, read_judged
 from perdure.evaluate.reference import constant_actions, measure_idle
 from perdure.horizon import Fixed
 from perdure.policy import Normalizer, TaskInfo, save_policy
-from perdure.report import read_table
+from perdure.report import read_episodes, read_table
 from perdure.report.estimates import _condition, estimate_table
 from perdure.runs import Store
 from perdure.wrappers import HorizonLimit
@@ -322,6 +323,14 @@ def test_the_folder_holds_the_table_and_the_page(tmp_path):
     assert notes["command"] == "my script"
     assert (tmp_path / "new" / "report.html").stat().st_size > 10_000
     assert "still" in str(result)
+
+
+def test_the_table_of_a_function_has_baselines_that_judge_it_again(tmp_path):
+    result = extrapolate(still, Falling, steps=20, eval_seeds=2, out=tmp_path)
+    assert list(read_baselines(tmp_path / BASELINES)) == [("still", 0)]
+    (stored,), _ = read_episodes(result.path)
+    (judged,), _ = read_judged(result.path)
+    assert judged.facts.equals(stored.facts)
 
 
 def test_a_table_that_nothing_could_make_again_is_not_replaced(timed, tmp_path):
