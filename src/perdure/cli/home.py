@@ -14,6 +14,7 @@ import tyro
 from perdure.cli.parse import Cores, On, call, check_folder
 from perdure.errors import PerdureError
 from perdure.home.sim.scene import SceneOptions, WorldOptions
+from perdure.home.tasks.planners import FallbackName, PlannerName
 from perdure.report.charts import Format
 
 if TYPE_CHECKING:
@@ -39,12 +40,12 @@ Policies = Annotated[
         "left in the skill."
     ),
 ]
-PlannerName = Annotated[
-    Literal["open", "closed"],
+Planner = Annotated[
+    PlannerName,
     tyro.conf.arg(help="open: the task's plan runs whatever happens. closed: it is planned again after each skill."),
 ]
 Fallback = Annotated[
-    Literal["oracle", "none"],
+    FallbackName,
     tyro.conf.arg(
         help="With --planner closed, who acts once a skill has failed three times. oracle: the scripted oracle. none: "
         "the policy again; after five attempts the target is given up and the plan goes on."
@@ -178,7 +179,7 @@ class Shown:
     policies: Policies = ()
     train_seed: int = 0
     """Training seed of the shipped policies."""
-    planner: PlannerName = "open"
+    planner: Planner = "open"
     fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""
@@ -351,7 +352,7 @@ class Runs:
     eval_seeds: int = 1
     """Number of evaluation seeds; each draws the robot's start poses."""
     policies: Policies = ()
-    planner: PlannerName = "open"
+    planner: Planner = "open"
     fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""
