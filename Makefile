@@ -71,7 +71,7 @@ demo: setup ## Run two shipped Hoppers, calm and disturbed, and two home demonst
 picture: ## Put the figure of the disturbed Hoppers into README.md
 	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working-under-standard-1.png docs/images/demo-disturbed.png
 
-# A process runs whole files, in the order of tests/conftest.py; test_types.py and test_rules.py check types and rules.
+# A process runs whole files, in the order of tests/conftest.py; test_types.py and test_tree_rules.py check types and rules.
 test: lint ## Check format and lint, then types, rules and every test but the long ones
 	@$(ONE_THREAD) $(BIN)/python -m pytest -m "not verify" -n $(PROCESSES) --dist loadfile --no-loadscope-reorder $(PYTEST)
 

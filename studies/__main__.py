@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -26,15 +26,16 @@ class StudyFlags:
 
     name: tyro.conf.Positional[Literal["horizon", "placement", "disturbance", "cure"]]
     """The study."""
-    scale: str = "smoke"
-    """Size of the study: smoke (minutes), laptop (a night) or thesis (hours to days)."""
+    scale: str | None = None
+    """Size of the study: smoke (minutes), laptop (a night) or thesis (hours to days). By default the smallest that the
+    study has."""
     out: Path | None = None
     """Folder of the results; by default results/NAME for thesis and runs/NAME-SCALE for the others. Runs are kept in
     its folder runs."""
     on: On = "local"
     cores: Cores = None
     phases: tuple[int, ...] | None = None
-    """Only these phases of the study, by number; its default phases if left out."""
+    """Only these phases of the study, by number; all if left out."""
     status: bool = False
     """Show the progress, also of a study that is running, and exit."""
     analyze_only: bool = False
@@ -59,6 +60,8 @@ def main(args: list[str]) -> None:
 def run(flags: StudyFlags) -> None:
     """Run, show or analyze a study."""
     study: Any = import_module(f"studies.{flags.name}.study")
+    if flags.scale is None:
+        flags = replace(flags, scale=next(iter(study.SCALES)))
     if flags.scale not in study.SCALES:
         raise PerdureError(f"study {flags.name} has no scale {flags.scale!r}; its scales are {', '.join(study.SCALES)}")
     out = flags.out or study.SCALES[flags.scale] or Path("runs", f"{flags.name}-{flags.scale}")

@@ -102,7 +102,7 @@ def run_plan(episode, actor):
 
 @pytest.mark.verify
 def test_it_is_trained_for_two_iterations_and_its_policy_runs_in_a_plan(skill, tmp_path, request, monkeypatch):
-    small = replace(skill.recipe, n_envs=4, n_steps=64, batch_size=128, n_epochs=1)
+    small = replace(skill.recipe, settings={"n_envs": 4, "n_steps": 64, "batch_size": 128, "n_epochs": 1})
     monkeypatch.setattr(SKILLS[NAME], "recipe", small)
     (path,) = train_skill(NAME, "set_table", (0,), tmp_path, 2 * 4 * 64, cores=1, split="val", episodes=2)
     policy = load_policy(path)

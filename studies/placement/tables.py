@@ -111,12 +111,23 @@ def with_logs(known: Tables, analysis: Analysis, hand_overs: pl.DataFrame, count
         kept = known[name].join(subjects, on=KEYS, how="anti", maintain_order="left")
         columns = table.select(pl.col(each).cast(kind) for each, kind in kept.schema.items())
         merged[name] = pl.concat([kept, columns]).sort(KEYS, maintain_order=True)
-    pairs = known["differences"]
-    for side in SIDES:
-        pairs = pairs.join(subjects, left_on=("task", "split", *side_columns(side)), right_on=KEYS, how="anti")
+    # Differences: those of these logs, and known ones of which neither side has other numbers now.
     fresh = pl.DataFrame(list(_differences(analysis)), schema=COLUMNS["differences"])
     order = ("task", "split", *side_columns("second"), *side_columns("first"))
+    pairs = known["differences"].join(fresh, on=order, how="anti", maintain_order="left")
+    changed = _changed(known["success"], merged["success"])
+    for side in SIDES:
+        pairs = pairs.join(changed, left_on=("task", "split", *side_columns(side)), right_on=KEYS, how="anti")
     return {**merged, "differences": pl.concat([pairs, fresh]).sort(order)}
+
+
+def _changed(before: pl.DataFrame, after: pl.DataFrame) -> pl.DataFrame:
+    """Return the `KEYS` of rows that have other numbers than before, or are new; CSV files hold six digits."""
+    numbers = [
+        pl.col(name).fill_nan(None).round_sig_figs(6) for name, kind in after.schema.items() if kind == pl.Float64
+    ]
+    unchanged = before.with_columns(numbers)
+    return after.with_columns(numbers).join(unchanged, on=after.columns, how="anti", nulls_equal=True).select(KEYS)
 
 
 def side_columns(side: str) -> tuple[str, ...]:

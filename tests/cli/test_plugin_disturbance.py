@@ -59,8 +59,9 @@ def test_it_disturbs_an_evaluation(run, tmp_path):
 
 
 def test_it_disturbs_training(run, tmp_path):
-    small = ("--ppo.total-steps", 4096, "--on", "here", "--out", "runs")
-    run("train", "Hopper-v3", "--method", "ppo", "--preset", "cleanrl", *small, "--disturb", "gain:0.5")
+    small = ("--ppo.total-steps", 64, "--ppo.n-steps", 32, "--ppo.batch-size", 32, "--ppo.n-epochs", 1)
+    preset = ("--method", "ppo", "--preset", "cleanrl", "--on", "here", "--out", "runs")
+    run("train", "InvertedPendulum-v4", *preset, *small, "--disturb", "gain:0.5")
     (policy,) = Path(tmp_path, "runs").rglob("policy.safetensors")
     assert policy.parent.parent.name == "ppo+gain-0.5@cleanrl"
     assert "--disturb gain:0.5" in run("inspect", policy)

@@ -1,10 +1,14 @@
 """Presets: whose hyperparameters a method begins with."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import pytest
 
 from perdure.errors import PerdureError
+from perdure.evaluate.table import method_label
 from perdure.horizon import Fixed, Uniform
-from perdure.learn import TrainRun, method_config
+from perdure.learn import PPOConfig, TrainRun, method_config
 
 
 def test_cleanrl_is_the_defaults_of_sb3_with_a_falling_step_size_on_every_task():
@@ -48,3 +52,31 @@ def test_the_horizons_of_the_methods_scale_with_the_step_limit_of_the_environmen
     for limit, low, high in ((1000, 200, 1000), (50, 10, 50), (1, 1, 1)):
         assert method_config("geometric", "Mine-v0", 3, limit=limit).protocol.horizon == Uniform(low, high)
         assert method_config("ppo", "Mine-v0", 3, limit=limit).protocol.horizon == Fixed(high)
+
+
+@pytest.mark.parametrize(
+    ("presets", "usual", "folder"), [((), None, "other"), (("slow", "fast"), "slow", "other@slow")]
+)
+def test_the_presets_of_another_algorithm_are_its_own(monkeypatch, presets, usual, folder):
+    other = dataclass(frozen=True)(
+        type("Other", (PPOConfig,), {"name": "other", "presets": presets, "__module__": __name__})
+    )
+    monkeypatch.setattr(other, "usual_preset", classmethod(lambda cls, task: usual))
+    run = TrainRun("Hopper-v3", "other", other())
+    assert (run.preset, run.key(0)) == (usual, f"Hopper-v3/{folder}/seed-0")
+    assert run.identity(0).get("preset") == usual
+
+
+@pytest.mark.parametrize(
+    ("provenance", "label"),
+    [
+        ({"method": "ppo", "config": {"n_steps": 1}}, "ppo (zoo)"),
+        ({"method": "ppo", "config": {"n_steps": 1}, "preset": "cleanrl"}, "ppo"),
+        ({"method": "es", "config": {"algorithm": "es"}}, "es"),
+        ({"method": "es", "config": {"algorithm": "es"}, "preset": "slow"}, "es (slow)"),
+        ({"method": "SAC"}, "SAC"),
+    ],
+)
+def test_a_table_names_a_preset_that_is_not_the_usual_one(provenance, label):
+    policy = SimpleNamespace(provenance=provenance, task=SimpleNamespace(name="Hopper-v3"))
+    assert method_label(policy, "unknown") == label

@@ -56,7 +56,7 @@ def test_disturbances_are_in_the_command_and_in_the_name(spec, monkeypatch):
     run_command(split(command(found[0], spec, 0))[1:])
     assert found[0] == found[1] == found[2]
     assert (found[0].method, found[0].disturb) == (
-        "geometric+action_delay-2+action_noise-0.10",
+        "geometric+action_delay-2+action_noise-0.1",
         ("action_delay:2", "action_noise:0.1"),
     )
 

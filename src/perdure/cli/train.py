@@ -43,11 +43,14 @@ def train_command(
     """
     from perdure.envs import task_spec
     from perdure.learn import PPOConfig
-    from perdure.learn.algorithm import usual_config
+    from perdure.learn.algorithm import algorithm_of, usual_config
     from perdure.learn.start import start_file
     from perdure.policy import load_policy
 
+    kind = algorithm_of(method)
     config: Configuration = PPOConfig()
+    if kind is not PPOConfig:
+        config = kind.of_method(method, "", 1, None, 1000)
     if task is not None:
         spec = task_spec(task)
         config = usual_config(method, task, spec.observation_size, preset, spec.default_horizon)
@@ -86,7 +89,7 @@ def train_command(
             tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
             settings: The learner's settings; the defaults are those of task and method.
         """
-        from perdure.disturbances import parse_disturbances
+        from perdure.disturbances import STANDARDS, parse_disturbance, parse_disturbances
         from perdure.learn.run import TrainRun, on_report
         from perdure.learn.run import tensorboard as curves
         from perdure.learn.run import train as train_run
@@ -96,7 +99,7 @@ def train_command(
         if start is not None:
             parts.append("continued")
         if parse_disturbances(disturb):
-            parts += sorted(disturb)
+            parts += sorted(each if each in STANDARDS else parse_disturbance(each).label for each in disturb)
         variant = "+".join(parts).replace(":", "-")
         run = TrainRun(
             task, name or variant, settings, seeds, preset=preset, base_method=method, disturb=disturb, start=start

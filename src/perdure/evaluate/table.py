@@ -120,10 +120,14 @@ def made_with() -> dict[str, str]:
 def method_label(policy: PolicyLike, default: str) -> str:
     """Return how tables call a policy: its method, and its preset if that is not the usual one of the task."""
     known = policy.provenance
-    usual = usual_preset(policy.task.name)
     method = str(known.get("method", default))
-    preset = known.get("preset") or ("zoo" if "config" in known else usual)
-    return method if preset == usual else f"{method} ({preset})"
+    preset = known.get("preset")
+    config = known.get("config")
+    if preset is None and isinstance(config, Mapping) and "algorithm" not in config:
+        preset = "zoo"  # the preset of PPO that policy files do not name
+    if preset in (None, usual_preset(policy.task.name)):
+        return method
+    return f"{method} ({preset})"
 
 
 def train_seed(policy: PolicyLike) -> int:

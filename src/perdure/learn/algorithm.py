@@ -76,6 +76,11 @@ class Configuration(Registered):
         return (cls.name,)
 
     @classmethod
+    def usual_preset(cls, task: str) -> str | None:
+        """Return the preset that a task is trained with by default: the first one; None where there is none."""
+        return cls.presets[0] if cls.presets else None
+
+    @classmethod
     @abstractmethod
     def of_method(cls, method: str, task: str, observation_size: int, preset: str | None, limit: int) -> Self:
         """Return the usual settings of one of its methods on a task.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast, get_args
 
 from perdure.errors import PerdureError
-from perdure.horizon import Fixed, HorizonProtocol
+from perdure.horizon import Fixed, HorizonProtocol, usual_preset
 from perdure.learn.advantages import make_estimator
 from perdure.learn.algorithm import Algorithm, Configuration
 
@@ -144,6 +144,11 @@ class PPOConfig(Configuration):
         from perdure.learn.presets import METHODS
 
         return tuple(METHODS)
+
+    @classmethod
+    def usual_preset(cls, task: str) -> str:
+        """See `perdure.horizon.usual_preset`."""
+        return usual_preset(task)
 
     @classmethod
     def of_method(cls, method: str, task: str, observation_size: int, preset: str | None, limit: int) -> Self:

@@ -1,4 +1,4 @@
-"""PPO as an algorithm (see `perdure.learn.run`): `init`, `start`, `iterate` and `policy` over a tree of arrays.
+"""PPO as an algorithm (see `perdure.learn.algorithm`): `init`, `start`, `iterate` and `policy` over a tree of arrays.
 
 `PPO.iterate` is one iteration from top to bottom: collect a rollout (`rollout.py`), prepare it (values, advantages and
 targets), then train several epochs of minibatches (`epoch`, `loss`, `adam_step`).

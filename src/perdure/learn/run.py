@@ -29,7 +29,7 @@ from perdure.envs.suites import is_contract, task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError
-from perdure.horizon import Embedding, usual_preset
+from perdure.horizon import Embedding
 from perdure.learn.algorithm import Algorithm, Configuration, algorithm_of, all_methods, usual_config
 from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
 from perdure.learn.presets import ZOO
@@ -54,6 +54,8 @@ POLICY = "policy.safetensors"
 """Written last."""
 CHECKPOINT = "checkpoint.safetensors"
 EPISODE_COLUMNS = ("step", "return", "length")
+UNNAMED_PRESETS = (ZOO, None)
+"""Presets that folders and policy files do not name."""
 RECENT_EPISODES = 20
 """Training episodes whose mean return is reported."""
 
@@ -93,8 +95,7 @@ class TrainRun:
         check_onsets(disturbances, self.config.protocol.horizon.longest)
         disturbed_task(self.task, disturbances)
         object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
-        usual = usual_preset(self.task) if self.config.presets else ZOO
-        object.__setattr__(self, "preset", self.preset or usual)
+        object.__setattr__(self, "preset", self.preset or self.config.usual_preset(self.task))
         if self.base_method is not None:
             algorithm_of(self.base_method)
         if not self.seeds:
@@ -107,7 +108,7 @@ class TrainRun:
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
         variant = self.method
-        if self.preset != ZOO:
+        if self.preset not in UNNAMED_PRESETS:
             variant += f"@{self.preset}"
         task = self.task
         if is_contract(task):
@@ -117,7 +118,7 @@ class TrainRun:
     def identity(self, seed: int) -> dict[str, Any]:
         """Return everything that the result of one seed depends on."""
         identity = {"task": self.task, "method": self.method, "seed": seed, "config": self.config.to_json()}
-        if self.preset != ZOO:
+        if self.preset not in UNNAMED_PRESETS:
             identity["preset"] = self.preset
         if self.disturb:
             identity["disturb"] = list(self.disturb)
@@ -382,7 +383,7 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str
         "versions": versions("jax", "numpy", "mujoco"),
         "command": command(run, segments.spec, state.seed),
     }
-    if run.preset != ZOO:
+    if run.preset not in UNNAMED_PRESETS:
         provenance["preset"] = run.preset
     if run.disturb:
         provenance["disturb"] = list(run.disturb)

@@ -71,6 +71,13 @@ def test_logs_remove_the_differences_of_replaced_rows(out, after):
     assert len(after["differences"]) == len(before) - 2
 
 
+def test_a_row_that_was_run_again_with_the_same_numbers_keeps_its_differences(out, after, tmp_path):
+    before = read_tables(out / "tables")["differences"]
+    write_tables(tmp_path / "tables", {**after, "differences": before})
+    shutil.copytree(out / "runs", tmp_path / "runs")
+    assert update_tables(GRID, tmp_path)["differences"].equals(before)
+
+
 def test_results_of_one_seed_are_read_again(after, tmp_path):
     write_tables(tmp_path / "one", after)
     write_tables(tmp_path / "two", read_tables(tmp_path / "one"))

@@ -210,7 +210,7 @@ class OpenDrawer(Articulated):
     success_text = success_text("the drawer is within 0.05 m of 0.45 m (at its stop it may be 5 mm beyond)")
     start_rectangles = (Rectangle((0.3, 1.5), 0.6),)
     navigation_region = Rectangle((0.80, 0.95), 0.35)
-    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+    recipe = Recipe(2_000_000, {"log_std_end": -2.0, "log_std_fall": (0.5, 0.9)})
     scripted_goal = 0.45
     scripted_tolerance = 0.02
     scripted_distance = 0.85
@@ -245,7 +245,7 @@ class Fridge(Articulated):
 
     start_rectangles = (Rectangle((0.933, 1.833), 0.6), Rectangle((0.8, 2.0), 1.0))
     navigation_region = Rectangle((0.9, 1.8), 0.5)
-    recipe = Recipe(2_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.4, 0.9))
+    recipe = Recipe(2_000_000, {"log_std_init": -0.5, "log_std_end": -2.0, "log_std_fall": (0.4, 0.9)})
     scripted_tolerance = 0.05
 
     def front(self, state: PrivilegedState) -> FloatArray:

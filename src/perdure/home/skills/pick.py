@@ -81,7 +81,7 @@ class Pick(Skill):
         "dropped": "the target was held and has left the hand",
         **Skill.failures,
     }
-    recipe = Recipe(4_000_000, log_std_init=0.0, log_std_end=-1.5, log_std_fall=(0.1, 0.9), clutter=True)
+    recipe = Recipe(4_000_000, {"log_std_init": 0.0, "log_std_end": -1.5, "log_std_fall": (0.1, 0.9)}, clutter=True)
     grip_text = "above 0: grasp the nearest object, if that is the target; pick never lets go"
     force_limit = FORCE_LIMIT
     needs_neighbors = True

@@ -76,12 +76,12 @@ class Place(Skill):
         f"gripper is within {RETRACTED:g} m of rest"
     )
     failures: ClassVar = {"wrong drop": "the first release is outside the goal region", **Skill.failures}
-    recipe = Recipe(2_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9))
+    recipe = Recipe(2_000_000, {"log_std_end": -2.0, "log_std_fall": (0.5, 0.9)})
     # SetTable: with the usual noise one of three seeds failed, on an earlier base. PrepareGroceries: half the
     # steps are enough for goals in the open, but not for the fridge.
     task_recipes: ClassVar = {
-        "set_table": Recipe(4_000_000, log_std_init=-0.5, log_std_end=-2.0, log_std_fall=(0.1, 0.8)),
-        "prepare_groceries": Recipe(4_000_000, log_std_end=-2.0, log_std_fall=(0.5, 0.9)),
+        "set_table": Recipe(4_000_000, {"log_std_init": -0.5, "log_std_end": -2.0, "log_std_fall": (0.1, 0.8)}),
+        "prepare_groceries": Recipe(4_000_000, {"log_std_end": -2.0, "log_std_fall": (0.5, 0.9)}),
     }
     grip_text = "below 0: let go; place never grasps"
     force_limit = 7500.0
@@ -136,7 +136,7 @@ class Place(Skill):
         usual = super().recipe_on(task)
         if not self.gentle:
             return usual
-        return replace(usual, log_std_end=GENTLE_LOG_STD)
+        return replace(usual, settings={**usual.settings, "log_std_end": GENTLE_LOG_STD})
 
     def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
         """See `Skill.observation_terms`."""

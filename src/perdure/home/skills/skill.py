@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -61,18 +61,12 @@ def counted_force(state: PrivilegedState) -> FloatArray:
 
 @dataclass(frozen=True)
 class Recipe:
-    """The settings that differ from skill to skill, named as in `PPOConfig` (our choice; M3 trains from images)."""
+    """How a skill is trained (our choice; M3 trains from images)."""
 
     total_steps: int
-    n_envs: int = 32
-    n_steps: int = 128
-    batch_size: int = 512
-    n_epochs: int = 5
-    learning_rate: float = 3e-4
-    log_std_init: float = -1.0
-    log_std_end: float | None = None
-    """Set where the mean action alone would never open or close the hand, because training relied on noise to do it."""
-    log_std_fall: tuple[float, float] = (0.0, 0.6)
+    """Environment steps."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the algorithm that differ from those of all skills, `perdure.home.skills.train.SETTINGS`."""
     clutter: bool = False
     """Train with the objects that are no targets. They cost time, and only pick must tell them from its target."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,19 @@ from perdure.learn.run import TrainRun, train
 from perdure.policy import Policy
 from perdure.runs import file_digest
 
-HIDDEN = (256, 256)
+SETTINGS: dict[str, Any] = {
+    "hidden_sizes": (256, 256),
+    "n_envs": 32,
+    "n_steps": 128,
+    "batch_size": 512,
+    "n_epochs": 5,
+    "learning_rate": 3e-4,
+    "learning_rate_decay": "linear",
+    "log_std_init": -1.0,
+    "segment_steps": 100_000,
+}
+"""Settings of PPO for all skills. A recipe lowers `log_std_end` where the mean action alone would never open or close
+the hand, because training relied on noise to do it."""
 
 
 def train_skill(
@@ -86,11 +98,8 @@ def skill_config(
     made = checked_options({"skill": skill, "task": task, **options}).make_skill()
     recipe = made.recipe_on(task)
     config = method_config(method, task, len(made.elements), limit=made.limit)
-    settings: dict[str, Any] = {"hidden_sizes": HIDDEN, "learning_rate_decay": "linear", "segment_steps": 100_000}
-    settings |= {each.name: getattr(recipe, each.name) for each in fields(PPOConfig) if hasattr(recipe, each.name)}
-    if total_steps is not None:
-        settings["total_steps"] = total_steps
-    return replace(config, **settings)
+    steps = recipe.total_steps if total_steps is None else total_steps
+    return replace(config, **{**SETTINGS, **recipe.settings}, total_steps=steps)
 
 
 def skill_task(skill: str, task: str, **options: object) -> str:
