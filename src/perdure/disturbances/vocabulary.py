@@ -81,7 +81,7 @@ class Disturbance:
     @property
     def label(self) -> str:
         """The text that `parse_disturbance` reads, such as ``push:0.5`` or ``strength:0.5@2000+500``."""
-        level = f"{self.name}:{self.level:g}"
+        level = f"{self.name}:{level_text(self.level)}"
         if not self.is_timed:
             return level
         if self.duration is None:
@@ -98,6 +98,14 @@ class Disturbance:
         if self.duration is None:
             return begun
         return begun & (elapsed < self.onset + self.duration)
+
+
+def level_text(level: float) -> str:
+    """Return a level as text that reads back exactly, in six digits where those do: "0.5", "2", "0.1234567"."""
+    short = f"{level:g}"
+    if float(short) == level:
+        return short
+    return repr(float(level)).removesuffix(".0")
 
 
 def split_text(text: str) -> tuple[str, str, str]:
