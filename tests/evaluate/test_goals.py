@@ -17,7 +17,7 @@ from perdure.evaluate import Extrapolation, evaluate_files
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, GoalRecorder
 from perdure.evaluate.table import TABLE
 from perdure.policy import TaskInfo, measure_reference, save_policy
-from perdure.report import estimate_table, write_report
+from perdure.report import estimate_table, read_table, write_report
 from perdure.report.estimates import advice, headline
 from perdure.report.schema import GOALS
 from perdure.runs import Store
@@ -208,6 +208,14 @@ class TestANamedInfo:
         assert set(perdure.extrapolate(approach, env, **options).final()["outcome"]) == {"falls"}
         found = perdure.extrapolate(approach, env, success="there", **options).final()
         assert set(found["outcome"]) == {"reaches its goal"}
+
+    def test_is_noted_in_the_table_whoever_writes_it(self, tmp_path):
+        options = {"steps": 20, "eval_seeds": 2, "training_horizon": 20, "success": "there"}
+        result = perdure.extrapolate(approach, partial(Reach, key="there"), out=tmp_path / "out", **options)
+        result.write(tmp_path / "again")
+        notes = [read_table(tmp_path / folder / TABLE)[1] for folder in ("out", "again")]
+        assert notes[0]["success"] == "there"
+        assert notes[1] == notes[0]
 
     @pytest.mark.parametrize(
         ("success", "message"),

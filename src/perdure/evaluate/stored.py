@@ -21,7 +21,7 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
-from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales, write_baselines
+from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales
 from perdure.evaluate.options import Extrapolation
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
@@ -29,7 +29,6 @@ from perdure.evaluate.table import (
     ExtrapolationResult,
     episode_table,
     file_note,
-    made_with,
     train_seed,
     with_not_applied,
 )
@@ -183,16 +182,15 @@ def evaluate(
         baselines = groups.baselines()
         frame = judge_table(raw, make_scales(baselines, subjects[0].policy.task.name))
         files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
+        result = ExtrapolationResult(frame, None, files, baselines, evaluation.success or "")
         if execution.out is None:
-            return ExtrapolationResult(frame, None, files, baselines)
-        from perdure.report import write_report, write_table
-
-        told = {"command": execution.command, "success": evaluation.success or "", **made_with(), **files}
-        told |= write_baselines(Path(execution.out), baselines)
-        path = write_table(Path(execution.out) / TABLE, frame, told)
-        if not of_files:  # the command line adds stills to the page of policy files
-            write_report(frame, execution.out, execution.command, notes=told)
-        return ExtrapolationResult(frame, path, files, baselines)
+            return result
+        if of_files:  # the command line writes their page, with stills
+            path, _ = result.write_table(execution.out, execution.command)
+        else:
+            result.write(execution.out, execution.command)
+            path = Path(execution.out) / TABLE
+        return replace(result, path=path)
 
 
 def _refuse_replacing(store: Store, subjects: Sequence[Subject], episodes: Sequence[EpisodeSpec], success: str) -> None:
