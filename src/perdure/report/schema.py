@@ -16,7 +16,6 @@ import math
 import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.report.outcomes import OWN_TABLE_WORDS, POLICY_STATES, outcome_words
-from perdure.report.scores import SURVIVED
+from perdure.report.scores import IDLE_BELOW, SURVIVED
 from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
 
@@ -156,7 +155,7 @@ TABLE: dict[str, Column] = {
     ),
     "ever_idle": Column(
         Flag(),
-        "two consecutive windows after settling scored below 0.25: hardly better than idle",
+        f"two consecutive windows after settling scored below {IDLE_BELOW:g}: hardly better than idle",
         judged=True,
         heading="ever idle",
     ),
@@ -178,7 +177,6 @@ JUDGED = tuple(name for name, column in TABLE.items() if column.judged)
 RAW = tuple(name for name in TABLE if name not in JUDGED)
 
 
-@cache
 def row_kind() -> Table:
     """Return what one row may hold; its outcome may be one that another package registers."""
     kinds = {name: column.kind for name, column in TABLE.items()}
