@@ -18,6 +18,7 @@ import polars as pl
 from perdure.envs import task_spec
 from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate.options import OWN_CLOCK
 from perdure.horizon import Constant
 from perdure.learn import PPOConfig, method_config
 from perdure.policy import load_policy, save_policy
@@ -83,7 +84,7 @@ def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) ->
         return Unit(f"{stage}/{row.key}/seed-{seed}", config, function, arguments, (training.key,), size)
 
     clocks = grid.clocks(row)
-    known = Extrapolation((Path("any"),), clocks=clocks or ("default",))
+    known = Extrapolation(clocks=clocks or OWN_CLOCK)
     deployed = known.deployment_clocks(None, grid.steps) if clocks else (None,)
     for split in grid.splits:
         if split.name == TEST or row.method in SWEPT:
@@ -116,7 +117,7 @@ def evaluate(work: Work, *, path: str, clocks: Sequence[str], steps: int, first:
     """Evaluate one policy in this process and leave its table; an interrupted attempt keeps its finished episodes."""
     store = work.folder / "episodes"
     if not (work.folder / TABLE).is_file():
-        clocks = tuple(clocks) or ("default",)
+        clocks = tuple(clocks) or OWN_CLOCK
         evaluation = Extrapolation((Path(path),), steps, clocks, seeds, first_eval_seed=first, disturb=("none",))
         evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
         (store / TABLE).replace(work.folder / TABLE)
