@@ -89,7 +89,7 @@ class Extrapolation:
     hours: float | None = field(default=None, kw_only=True)
     """In place of --steps: hours of each of those episodes, by the environment's control rate."""
     clocks: tuple[str, ...] = OWN_CLOCK
-    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to the end),
+    """Clocks of policies with a time-to-go input: {clocks}, countdown (to the end),
     default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of 100, and
     countdown)."""
     eval_seeds: int | None = None

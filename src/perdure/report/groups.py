@@ -19,6 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.disturbances import CALM
+from perdure.horizon import Clock
 from perdure.report import wording
 from perdure.report.outcomes import (
     WORKED,
@@ -55,7 +56,6 @@ ALIKE = 0.01
 """Start states behave as one if the rewards of a window differ by less than this share of the gain over idle."""
 MARKS = 100
 """Most windows in which rewards are compared."""
-_KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
 ALL = pl.lit(True)
 TRAINING_SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
 """Score of a policy within its training horizon against a published policy of the task; nan: none is known."""
@@ -184,7 +184,8 @@ class Group:
     @property
     def is_tuned_by_steps(self) -> bool:
         """Whether the clock has a parameter C."""
-        return self.clock_kind not in (NO_CLOCK, "countdown") and bool(np.isfinite(self.clock_steps))
+        kind = Clock.kinds().get(self.clock_kind, Clock)
+        return self.clock_kind != NO_CLOCK and kind.is_tuned and bool(np.isfinite(self.clock_steps))
 
     @property
     def falls_in_training(self) -> bool:
@@ -299,8 +300,8 @@ def behave_as_one(steps: IntArray, returns: FloatArray, settling: int, gain: flo
 def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -> tuple[Group, ...]:
     """Split an extrapolation table, or its episodes, into groups; PerdureError if the table does not fit the schema.
 
-    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
-    constant, periodic, each by its number of steps. Groups hold the episodes that `mine` selects; whether a task ends
+    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, then by
+    `Clock.place`, each kind by its number of steps. Groups hold the episodes that `mine` selects; whether a task ends
     at its goal is seen in the whole table.
     """
     tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
@@ -332,7 +333,9 @@ def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
 
 def _clock_order(group: Group) -> tuple[int, str, float, str]:
     kind = group.clock_kind
-    place = _KIND_ORDER.index(kind) if kind in _KIND_ORDER else len(_KIND_ORDER)
+    place = 0
+    if kind != NO_CLOCK:
+        place = Clock.kinds().get(kind, Clock).place
     return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
 
 
