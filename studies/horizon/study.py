@@ -17,7 +17,7 @@ import polars as pl
 
 from perdure.envs import task_spec
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.options import OWN_CLOCK
 from perdure.horizon import Constant
 from perdure.learn import PPOConfig, method_config
@@ -119,7 +119,9 @@ def evaluate(work: Work, *, path: str, clocks: Sequence[str], steps: int, first:
     if not (work.folder / TABLE).is_file():
         clocks = tuple(clocks) or OWN_CLOCK
         evaluation = Extrapolation((Path(path),), steps, clocks, seeds, first_eval_seed=first, disturb=("none",))
-        evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
+        evaluate_files(
+            evaluation, Execution(store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
+        )
         (store / TABLE).replace(work.folder / TABLE)
     shutil.rmtree(store, ignore_errors=True)
 

@@ -13,7 +13,7 @@ from scripted import policy_for
 
 import perdure
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, GoalRecorder
 from perdure.evaluate.table import TABLE
 from perdure.policy import TaskInfo, measure_reference, save_policy
@@ -232,7 +232,11 @@ class TestANamedInfo:
 
         def first(success):
             asked = Extrapolation((path,), 20, eval_seeds=2, disturb=("none",), success=success)
-            return evaluate_files(asked, tmp_path / "out", on="here", cores=1).final()["goal_first_step"].to_list()
+            return (
+                evaluate_files(asked, Execution(tmp_path / "out", on="here", cores=1))
+                .final()["goal_first_step"]
+                .to_list()
+            )
 
         assert first(None) == [2.0, 2.0]
         with pytest.raises(PerdureError, match="another folder"):
@@ -257,7 +261,9 @@ class TestANamedInfo:
             if in_process:
                 return perdure.extrapolate(policy, **asked).final()["training_falls"].to_list()
             return (
-                evaluate_files(Extrapolation((path,), **asked), on="here", cores=1).final()["training_falls"].to_list()
+                evaluate_files(Extrapolation((path,), **asked), Execution(on="here", cores=1))
+                .final()["training_falls"]
+                .to_list()
             )
 
         assert (falls(None), falls("late")) == ([1.0, 1.0], [0.0, 0.0])
