@@ -15,7 +15,7 @@ import perdure
 from perdure.errors import PerdureError
 from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, GoalRecorder
-from perdure.evaluate.table import TABLE
+from perdure.evaluate.table import TABLE_FILE
 from perdure.policy import TaskInfo, measure_reference, save_policy
 from perdure.report import estimate_table, read_table, write_report
 from perdure.report.estimates import advice, headline
@@ -213,7 +213,7 @@ class TestANamedInfo:
         options = {"steps": 20, "eval_seeds": 2, "training_horizon": 20, "success": "there"}
         result = perdure.extrapolate(approach, partial(Reach, key="there"), out=tmp_path / "out", **options)
         result.write(tmp_path / "again")
-        notes = [read_table(tmp_path / folder / TABLE)[1] for folder in ("out", "again")]
+        notes = [read_table(tmp_path / folder / TABLE_FILE)[1] for folder in ("out", "again")]
         assert notes[0]["success"] == "there"
         assert notes[1] == notes[0]
 
@@ -241,7 +241,7 @@ class TestANamedInfo:
         assert first(None) == [2.0, 2.0]
         with pytest.raises(PerdureError, match="another folder"):
             first("late")
-        (tmp_path / "out" / TABLE).unlink()
+        (tmp_path / "out" / TABLE_FILE).unlink()
         assert [first("late"), first("late")] == [[5.0, 5.0], [5.0, 5.0]]
         assert len(Store(tmp_path / "out").keys("groups")) == 2
 

@@ -158,9 +158,9 @@ def find_table(path: Path) -> Path:
     """Return the table that a path means: in a folder its episodes.parquet."""
     if not path.is_dir():
         return path
-    from perdure.evaluate.table import TABLE
+    from perdure.evaluate.table import TABLE_FILE
 
-    return path / TABLE
+    return path / TABLE_FILE
 
 
 def write_and_show(

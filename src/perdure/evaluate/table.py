@@ -26,7 +26,7 @@ from perdure.runs import versions
 if TYPE_CHECKING:
     import polars as pl
 
-TABLE = "episodes.parquet"
+TABLE_FILE = "episodes.parquet"
 """Name of the table's file."""
 
 
@@ -74,7 +74,7 @@ class ExtrapolationResult:
         notes = {"command": command, "success": self.success, **made_with(), **self.files}
         if self.baselines:
             notes |= write_baselines(Path(out), self.baselines)
-        return write_table(Path(out) / TABLE, self.frame, notes), notes
+        return write_table(Path(out) / TABLE_FILE, self.frame, notes), notes
 
     @property
     def holds(self) -> bool:

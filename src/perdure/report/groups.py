@@ -50,7 +50,7 @@ SUCCESSES = [
 ]
 """If the environment reports successes in some episodes, those of which it says nothing have none."""
 NO_CLOCK = "none"
-MOSTLY = 0.5
+MOSTLY_FALLS = 0.5
 """A policy mostly falls in training if more than this share of its reference episodes do."""
 ALIKE = 0.01
 """Start states behave as one if the rewards of a window differ by less than this share of the gain over idle."""
@@ -190,7 +190,7 @@ class Group:
     @property
     def falls_in_training(self) -> bool:
         """Whether most reference episodes fell within the training horizon."""
-        return bool(np.nanmean(known) > MOSTLY) if np.isfinite(known := self["training_falls"]).any() else False
+        return bool(np.nanmean(known) > MOSTLY_FALLS) if np.isfinite(known := self["training_falls"]).any() else False
 
     @property
     def one_end(self) -> int | None:
@@ -308,7 +308,9 @@ def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -
     whole = pl.concat([task.facts for task in tasks]).with_columns(SUCCESSES, verdict=episode_verdicts())
     groups = []
     for task, facts in zip(tasks, whole.partition_by("task", "disturbance", maintain_order=True), strict=True):
-        score = pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY).then(TRAINING_SCORE).otherwise(float("nan"))
+        score = (
+            pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY_FALLS).then(TRAINING_SCORE).otherwise(float("nan"))
+        )
         facts = facts.with_row_index("row").filter(mine).with_columns(note=_notes(), training_score=score)
         facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
         order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.report.outcomes import OWN_TABLE_WORDS, POLICY_STATES, outcome_words
-from perdure.report.scores import IDLE_BELOW, SURVIVED
+from perdure.report.scores import END_SURVIVED, IDLE_BELOW
 from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
 
@@ -83,7 +83,7 @@ _RATE = Real(unknown=True)
 _MOVEMENT = Real(0.0, unknown=True)
 _HORIZON = Real(1.0, infinite=True, unknown=True)
 _CLOCK_STEPS = Real(0.0, infinite=True, unknown=True)
-END_REASONS = (SURVIVED, "terminated", "truncated", "diverged")
+END_REASONS = (END_SURVIVED, "terminated", "truncated", "diverged")
 
 GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0.0}
 """Columns about successes, with the value of an episode that has none."""
