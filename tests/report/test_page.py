@@ -534,6 +534,14 @@ def test_factors_below_and_above_1_are_sweeps_of_their_own(synthetic):
     assert "hold under mass up to 1.2 (tried: 1.1, 1.2)" in found
 
 
+def test_the_name_of_a_policy_is_told_from_its_disturbances(synthetic):
+    names = {"policy": "walks under none", "method": "walks under none"}
+    calm, pushed = make_groups(synthetic([names, names | {"disturbance": "push:1"}]))
+    assert (calm.policies, calm.line) == ("walks under none", "walks under none")
+    assert (pushed.policies, pushed.line) == ("walks under none", "walks under none under push:1")
+    assert calm.policy_and_clock == pushed.policy_and_clock == "walks under none, always 500 steps to go"
+
+
 @dataclass(frozen=True)
 class Whole(Clock):
     """A clock of another package that shows the length of the deployment; its steps are no setting."""

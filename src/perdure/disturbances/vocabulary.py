@@ -166,6 +166,17 @@ def labels(disturbances: Sequence[Disturbance]) -> str:
     return " ".join(each.label for each in disturbances) or CALM
 
 
+def applied_disturbances(label: str, not_applied: str) -> tuple[Disturbance, ...]:
+    """Return the disturbances that episodes of a table met.
+
+    Args:
+        label: Their column `disturbance`: as of `labels`, or a name in `STANDARDS`.
+        not_applied: Their column `not_applied`: names of the kinds that the world could not do, after commas.
+    """
+    left_out = not_applied.split(", ")
+    return tuple(each for each in parse_disturbances(label.split()) if each.name not in left_out)
+
+
 def check_onsets(disturbances: Sequence[Disturbance], steps: float) -> None:
     """Raise PerdureError if a disturbance would begin after the last of so many steps of an episode."""
     for each in disturbances:

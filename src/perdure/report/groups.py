@@ -110,9 +110,10 @@ class Group:
     """Episodes that share task, line and clock."""
 
     task: str
+    policies: str
+    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies."""
     line: str
-    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies. Names
-    what disturbs the episodes."""
+    """Name of the policies, and what disturbs the episodes."""
     clock: str
     clock_kind: str
     clock_steps: float
@@ -165,7 +166,7 @@ class Group:
     @property
     def policy_and_clock(self) -> str:
         """The label without what disturbs the episodes."""
-        return self._with_clock(self.line.removesuffix(f" under {self.disturbance}"))
+        return self._with_clock(self.policies)
 
     def _with_clock(self, name: str) -> str:
         return name if self.clock_kind == NO_CLOCK else f"{name}, {self.clock_words}"
@@ -320,7 +321,7 @@ def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -
 
 
 def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
-    """Add the column `line`."""
+    """Add the columns `policies` and `line`."""
     horizon = pl.col("train_horizon")
     whole = horizon.is_finite()
     number = pl.when(whole).then(horizon).otherwise(0.0).cast(pl.Int64).cast(pl.String)
@@ -328,9 +329,9 @@ def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
     pooled = pl.col("policy").n_unique().over("method", "train_horizon") == 1
     ambiguous = horizon.n_unique().over("method") > 1
     method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", shown)).otherwise(pl.lit(""))
-    facts = facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
-    disturbed = pl.format("{} under {}", "line", "disturbance")
-    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("line").otherwise(disturbed))
+    facts = facts.with_columns(policies=pl.when(pooled).then(method).otherwise("policy"))
+    disturbed = pl.format("{} under {}", "policies", "disturbance")
+    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("policies").otherwise(disturbed))
 
 
 def _clock_order(group: Group) -> tuple[int, str, float, str]:
@@ -341,7 +342,10 @@ def _clock_order(group: Group) -> tuple[int, str, float, str]:
     return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
 
 
-_OF_GROUP = ("task", "line", "clock", "clock_kind", "clock_steps", "disturbance", "train_horizon", "test_horizon")
+_OF_GROUP = (
+    *("task", "policies", "line", "clock", "clock_kind", "clock_steps", "disturbance", "train_horizon"),
+    "test_horizon",
+)
 
 
 def _make_group(episodes: Episodes, part: pl.DataFrame) -> Group:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from perdure.disturbances import CALM, parse_disturbances
+from perdure.disturbances import CALM, applied_disturbances, labels
 from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import (
@@ -267,20 +267,14 @@ def _watch_command(group: Group, folder: Path, command: str) -> str:
         options["first-eval-seed"] = first
     if group.clock_kind != NO_CLOCK:
         options["clock"] = group.clock_flag
-    disturb = _applied(group)
-    if disturb not in ("", CALM):
+    left_out = group["not_applied"][0]
+    disturb = group.disturbance
+    if left_out:
+        disturb = labels(applied_disturbances(disturb, left_out))
+    if disturb != CALM:
         options["disturb"] = disturb
     flags = "".join(f" --{name} {value}" for name, value in options.items())
     return WATCH.format(policy, flags)
-
-
-def _applied(group: Group) -> str:
-    """Return what of the disturbances the world could do, as `--disturb` takes it."""
-    left_out = group["not_applied"][0].split(", ")
-    if not any(left_out):
-        return group.disturbance
-    asked = parse_disturbances(group.disturbance.split())
-    return " ".join(each.label for each in asked if each.name not in left_out)
 
 
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
@@ -432,7 +426,7 @@ def _group(item: Estimate) -> dict[str, Any]:
     hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
     return {
         "task": group.task,
-        "policy": group.line.removesuffix(f" under {group.disturbance}"),
+        "policy": group.policies,
         "clock": group.clock,
         "disturbance": group.disturbance,
         "not_applied": group["not_applied"][0],
