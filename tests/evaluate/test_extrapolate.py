@@ -334,6 +334,11 @@ def test_an_evaluation_of_no_file_is_refused():
         evaluate_files(Extrapolation())
 
 
+def test_a_folder_is_no_execution(tmp_path):
+    with pytest.raises(PerdureError, match="must be an Execution"):
+        evaluate_files(calm((Path("Hopper-v3/ppo"),), 5), tmp_path)
+
+
 def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policies, tmp_path):
     """The episodes are those of the files: none is run again."""
     (tmp_path / "mine").mkdir()

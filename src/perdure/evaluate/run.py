@@ -99,12 +99,16 @@ def evaluate_files(evaluation: Extrapolation, execution: Execution | None = None
         execution: Where; by default on all cores, with nothing kept.
 
     Raises:
-        PerdureError: If the policies do not belong to one task, the folder holds the table of a function, a group of
-            episodes failed, or a policy file cannot be read.
+        PerdureError: If `execution` is of another kind, the policies do not belong to one task, the folder holds the
+            table of a function, a group of episodes failed, or a policy file cannot be read.
         OSError: If the folder cannot be written.
     """
+    if execution is None:
+        execution = Execution()
+    if not isinstance(execution, Execution):
+        raise PerdureError(f"execution must be an Execution, such as Execution(out={str(execution)!r})")
     subjects, worlds = _file_subjects(evaluation.policies, evaluation.env, evaluation)
-    return evaluate(subjects, worlds, evaluation, execution or Execution())
+    return evaluate(subjects, worlds, evaluation, execution)
 
 
 def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tuple[Extrapolation, Execution]:
