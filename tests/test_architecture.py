@@ -1,7 +1,7 @@
 """Imports point one way. Every import statement of the package is read from its source; nothing is executed.
 
 cli -> evaluate, home -> learn -> policy -> envs -> horizon, disturbances
-report, runs: nothing of ours but schema and stats (report: disturbances, runs.write_atomic, runs.versions)
+report, runs: nothing of ours but schema and stats (report: disturbances, horizon, runs.write_atomic, runs.versions)
 stats: nothing of ours
 film: writes files with runs.write_atomic; evaluate and home draw with it
 errors: nothing of ours; schema: errors; registry: schema; everything may use errors and registry
@@ -27,7 +27,7 @@ ALLOWED = {
     "disturbances": set(),
     "wrappers": {"horizon", "disturbances"},
     "runs": {"schema"},
-    "report": {"disturbances", "schema", "stats", "runs"},
+    "report": {"disturbances", "horizon", "schema", "stats", "runs"},
     "envs": {"schema", "horizon", "disturbances", "wrappers"},
     "policy": {"schema", "horizon", "envs", "runs"},
     "robots": {"schema", "policy", "runs"},

@@ -414,6 +414,14 @@ class Clock(Registered):
         PerdureError: If steps is negative or nan.
     """
 
+    words: ClassVar[str] = ""
+    """What the clock shows, on pages and figures, with {} for its steps; "": its name and its steps."""
+    example: ClassVar[float] = 500.0
+    """Steps for examples in help texts."""
+    place: ClassVar[int] = 50
+    """Place on pages among the clocks of a policy, from low to high."""
+    is_tuned: ClassVar[bool] = True
+    """Whether its steps are a setting to choose, C in figures; else the deployment gives them."""
     steps: float
     """The clock's one setting, in steps."""
 
@@ -439,6 +447,8 @@ class Constant(Clock):
     """
 
     name: ClassVar[str] = "constant"
+    words = "always {} steps to go"
+    place = 20
 
     steps: float
     """C, the steps to go at every step."""
@@ -453,6 +463,10 @@ class Countdown(Clock):
     """phi(t, T_test) (thesis, 3.3.3, choice 1). The length of the deployment must be known."""
 
     name: ClassVar[str] = "countdown"
+    words = "countdown from {}"
+    example = 1000.0
+    place = 10
+    is_tuned = False
 
     steps: float
     """T_test, the steps of the deployment."""
@@ -467,6 +481,8 @@ class Periodic(Clock):
     """phi(t mod C, C) (thesis, 3.3.3, choice 3). Periodic(0) means Constant(0)."""
 
     name: ClassVar[str] = "periodic"
+    words = "countdown from {}, repeated"
+    place = 30
 
     steps: float
     """C, the period."""
@@ -490,6 +506,11 @@ def parse_clock(text: str) -> Clock:
     except ValueError:
         raise PerdureError(f"a clock is written name:steps, for example constant:500, got {text!r}") from None
     return Clock.from_json({"name": name, "steps": number})
+
+
+def clock_examples() -> str:
+    """Return all kinds of clocks for help texts: "constant:500, countdown:1000, periodic:500"."""
+    return ", ".join(f"{name}:{kind.example:g}" for name, kind in Clock.kinds().items())
 
 
 class LaneClocks:

@@ -90,7 +90,8 @@ class Registered(ABC):
         load_plugins()
         found: dict[str, type[Self]] = {}
         for kind in _subclasses(cls):
-            if not inspect.isabstract(kind):
+            # A class without a name is a base that several members share.
+            if hasattr(kind, "name") and not inspect.isabstract(kind):
                 if _path(other := found.get(kind.name, kind)) != _path(kind):
                     raise PerdureError(
                         f"{_path(other)} and {_path(kind)} are both named {kind.name!r}: give one another name"

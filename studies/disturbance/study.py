@@ -11,7 +11,7 @@ from pathlib import Path
 import polars as pl
 
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.policy import load_policy, save_policy
 from perdure.report.charts import save
 from perdure.runs import Store, Unit, Work, file_digest
@@ -98,7 +98,9 @@ def evaluate(
     evaluation = Extrapolation(
         tuple(files), steps, ("constant:500",), starts, first_eval_seed=first, disturb=tuple(disturb)
     )
-    result = evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
+    result = evaluate_files(
+        evaluation, Execution(store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
+    )
     rows = result.final().select(COLUMNS).with_columns(speed=speed_while_working(result.frame))
     write_parquet_file(work.folder / ROWS, rows)
     shutil.rmtree(store, ignore_errors=True)

@@ -17,7 +17,9 @@ import polars as pl
 
 from perdure.envs import task_spec
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
+from perdure.evaluate.options import OWN_CLOCK
+from perdure.evaluate.table import TABLE_FILE
 from perdure.horizon import Constant
 from perdure.learn import PPOConfig, method_config
 from perdure.policy import load_policy, save_policy
@@ -49,7 +51,6 @@ SCALES = {"smoke": None, "laptop": None, "thesis": Path("results", "horizon")}
 """Name of a scale to the folder of its results, if they are kept in the repository."""
 __all__ = ["PHASES", "QUESTION", "SCALES", "analyze", "collect", "plan"]
 POLICY = "policy.safetensors"
-TABLE = "episodes.parquet"
 EVALUATION = "evaluation"
 MECHANISM = "mechanism"
 RULES = "clocks"
@@ -83,7 +84,7 @@ def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) ->
         return Unit(f"{stage}/{row.key}/seed-{seed}", config, function, arguments, (training.key,), size)
 
     clocks = grid.clocks(row)
-    known = Extrapolation((Path("any"),), clocks=clocks or ("default",))
+    known = Extrapolation(clocks=clocks or OWN_CLOCK)
     deployed = known.deployment_clocks(None, grid.steps) if clocks else (None,)
     for split in grid.splits:
         if split.name == TEST or row.method in SWEPT:
@@ -115,11 +116,13 @@ def row_config(grid: Grid, row: Row) -> PPOConfig:
 def evaluate(work: Work, *, path: str, clocks: Sequence[str], steps: int, first: int, seeds: int) -> None:
     """Evaluate one policy in this process and leave its table; an interrupted attempt keeps its finished episodes."""
     store = work.folder / "episodes"
-    if not (work.folder / TABLE).is_file():
-        clocks = tuple(clocks) or ("default",)
+    if not (work.folder / TABLE_FILE).is_file():
+        clocks = tuple(clocks) or OWN_CLOCK
         evaluation = Extrapolation((Path(path),), steps, clocks, seeds, first_eval_seed=first, disturb=("none",))
-        evaluate_files(evaluation, store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
-        (store / TABLE).replace(work.folder / TABLE)
+        evaluate_files(
+            evaluation, Execution(store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
+        )
+        (store / TABLE_FILE).replace(work.folder / TABLE_FILE)
     shutil.rmtree(store, ignore_errors=True)
 
 
@@ -147,7 +150,7 @@ def collect(store: Path, out: Path) -> list[Path]:
             curve = read_parquet_file(folder / "episodes.parquet")
             parts[LEARNING].append(freeze_learning(curve, setting, method, train_seed))
         elif stage[0] == EVALUATION:
-            parts[EPISODES].append(freeze_episodes(read_table(folder / TABLE)[0], setting, method, stage[1]))
+            parts[EPISODES].append(freeze_episodes(read_table(folder / TABLE_FILE)[0], setting, method, stage[1]))
         else:
             rows = json.loads((folder / RESULT).read_text())
             table = CLOCKS

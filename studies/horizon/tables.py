@@ -22,7 +22,6 @@ from studies.horizon.results import TEST, VALIDATION, Results
 
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
-NOISY = "ppo-average-reward+action_noise-0.1"
 FRESH = ("ppo", "ppo-gamma-0.999", "geometric")
 FRESH_COLUMNS = {
     "noise": "noise (share)",

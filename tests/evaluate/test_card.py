@@ -17,7 +17,7 @@ from scripted import policy_for
 
 import perdure
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.card import write_card
 from perdure.policy import TaskInfo, find_policy, load_policy, save_policy
 from perdure.report import read_table, write_table
@@ -34,7 +34,9 @@ def made(tmp_path_factory):
     policy = save_policy(policy_for(HOPPER, seed=2, phi=True, method="true"), folder / "policy.safetensors")
     other = save_policy(policy_for(HOPPER, seed=3, method="other"), folder / "elsewhere" / "other.safetensors")
     asked = Extrapolation((policy, other), STEPS, ("constant:500", "constant:0"), eval_seeds=6, disturb=("none",))
-    result = evaluate_files(asked, folder / "out", on="here", command="perdure extrapolate policy.safetensors")
+    result = evaluate_files(
+        asked, Execution(folder / "out", on="here", command="perdure extrapolate policy.safetensors")
+    )
     card = write_card(policy, result.path)
     return policy, result, card
 

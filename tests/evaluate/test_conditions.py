@@ -13,7 +13,7 @@ from perdure.disturbances import STANDARDS, parse_disturbances
 from perdure.envs import make_world, task_spec
 from perdure.envs.disturbances import disturbed_task
 from perdure.errors import PerdureError, PerdureWarning
-from perdure.evaluate import Extrapolation, evaluate_files, extrapolate
+from perdure.evaluate import Execution, Extrapolation, evaluate_files, extrapolate
 from perdure.evaluate.reference import measure_idle
 from perdure.report import read_table
 from perdure.report.groups import make_groups
@@ -142,7 +142,7 @@ def test_calm_and_disturbed_episodes_of_other_lengths_share_a_table_a_report_and
     monkeypatch.setattr("perdure.evaluate.options.DISTURBED_STEPS", 90)
     monkeypatch.setattr("perdure.evaluate.options.DISTURBED_SEEDS", 3)
     asked = Extrapolation(PPO, 150, eval_seeds=2)
-    by_file = evaluate_files(asked, tmp_path / "file", on="here")
+    by_file = evaluate_files(asked, Execution(tmp_path / "file", on="here"))
     shape = by_file.final().select("disturbance", "eval_seed", "test_horizon").rows()
     assert shape == [("none", 0, 150), ("none", 1, 150), *(("standard-1", seed, 90) for seed in range(3))]
     assert by_file.final()["not_applied"].to_list() == [""] * 5

@@ -17,7 +17,14 @@ from scripted import policy_for
 
 from perdure.envs import make_world
 from perdure.errors import OtherSourceWarning, PerdureError
-from perdure.evaluate import EpisodeSpec, Extrapolation, ExtrapolationResult, evaluate_episodes, evaluate_files
+from perdure.evaluate import (
+    EpisodeSpec,
+    Execution,
+    Extrapolation,
+    ExtrapolationResult,
+    evaluate_episodes,
+    evaluate_files,
+)
 from perdure.evaluate.episodes import split
 from perdure.evaluate.judge import read_judged
 from perdure.evaluate.reference import read_idle
@@ -52,7 +59,7 @@ def evaluation(policies):
 def whole(evaluation, tmp_path_factory):
     """In one process, one group."""
     return evaluate_files(
-        evaluation, tmp_path_factory.mktemp("whole"), cores=1, on="here", command="perdure extrapolate ..."
+        evaluation, Execution(tmp_path_factory.mktemp("whole"), cores=1, on="here", command="perdure extrapolate ...")
     )
 
 
@@ -112,14 +119,14 @@ def test_an_evaluation_killed_between_groups_resumes_and_gives_the_table_of_one_
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        evaluate_files(small, tmp_path, on="here", observe=die)
+        evaluate_files(small, Execution(tmp_path, on="here", observe=die))
     done = set(Store(tmp_path).keys("groups"))
     assert 0 < len(done) < 4
     assert not (tmp_path / "episodes.parquet").exists()
     monkeypatch.setattr("perdure.runs.store.source_digest", lambda: "another")
     resumed = []
     with pytest.warns(OtherSourceWarning, match=f"{len(done)} of {len(done)}"):
-        result = evaluate_files(small, tmp_path, cores=2, observe=lambda status: resumed.append(set(status)))
+        result = evaluate_files(small, Execution(tmp_path, cores=2, observe=lambda status: resumed.append(set(status))))
     assert set(Store(tmp_path).keys("groups")) == done | groups(resumed[-1])
     assert not done & resumed[-1]
     assert result.frame.equals(whole.frame)
@@ -131,7 +138,7 @@ def test_finished_episodes_are_not_run_again_however_they_were_grouped(evaluatio
     def extrapolated(eval_seeds, cores, **changes):
         asked = calm(evaluation.policies, steps=60, clocks=evaluation.clocks, eval_seeds=eval_seeds, **changes)
         observe = lambda status: started.append(set(status))  # noqa: E731
-        return evaluate_files(asked, tmp_path, cores=cores, on="here", observe=observe)
+        return evaluate_files(asked, Execution(tmp_path, cores=cores, on="here", observe=observe))
 
     extrapolated(1, 2, max_episodes=3)
     first = set(Store(tmp_path).keys("groups"))
@@ -149,7 +156,9 @@ def test_finished_episodes_are_not_run_again_however_they_were_grouped(evaluatio
 def test_an_evaluation_into_a_folder_in_use_waits_for_the_other(evaluation, whole, tmp_path):
     waits = threading.Event()
     with Store(tmp_path).exclusive("extrapolate"):
-        second = threading.Thread(target=lambda: evaluate_files(evaluation, tmp_path, on="here", waiting=waits.set))
+        second = threading.Thread(
+            target=lambda: evaluate_files(evaluation, Execution(tmp_path, on="here", waiting=waits.set))
+        )
         second.start()
         assert waits.wait(60.0)
         assert second.is_alive()
@@ -162,41 +171,41 @@ def test_one_policy_under_two_names_is_refused(policies, tmp_path):
     copy = tmp_path / "copy.safetensors"
     copy.write_bytes(policies[0].read_bytes())
     with pytest.raises(PerdureError, match="hold the same policy"):
-        evaluate_files(calm((policies[0], copy), steps=5), tmp_path / "out", cores=1)
+        evaluate_files(calm((policies[0], copy), steps=5), Execution(tmp_path / "out", cores=1))
 
 
 def test_a_group_of_episodes_that_cannot_be_read_is_named(evaluation, tmp_path):
     small = replace(evaluation, steps=5)
-    evaluate_files(small, tmp_path, on="here")
+    evaluate_files(small, Execution(tmp_path, on="here"))
     store = Store(tmp_path)
     config = store.config(store.keys("groups")[0])
     with store.workspace("groups/a", {**config, "episodes": "all"}):
         pass
     with pytest.raises(PerdureError, match="groups/a"):
-        evaluate_files(small, tmp_path, on="here")
+        evaluate_files(small, Execution(tmp_path, on="here"))
 
 
 def test_the_default_clock_is_the_same_as_its_text_whatever_the_number_is_stored_as(tmp_path):
     own = replace(policy_for(HOPPER, seed=2, phi=True), clock=Constant(500))
     path = save_policy(own, tmp_path / "whole.safetensors")
-    evaluate_files(calm((path,), 5, eval_seeds=1), tmp_path / "out", on="here")
+    evaluate_files(calm((path,), 5, eval_seeds=1), Execution(tmp_path / "out", on="here"))
     started = []
     again = calm((path,), 5, ("constant:500",), 1)
-    evaluate_files(again, tmp_path / "out", on="here", observe=started.append)
+    evaluate_files(again, Execution(tmp_path / "out", on="here", observe=started.append))
     assert started == []
 
 
 @pytest.mark.parametrize("at", [0.6, 0.9])
 def test_a_damaged_group_of_episodes_is_named(evaluation, tmp_path, at):
     small = replace(evaluation, steps=50)
-    evaluate_files(small, tmp_path, on="here")
+    evaluate_files(small, Execution(tmp_path, on="here"))
     path = next(tmp_path.glob("groups/*/episodes.parquet"))
     content = bytearray(path.read_bytes())
     place = int(at * len(content))
     content[place : place + 40] = 40 * b"\xff"
     path.write_bytes(content)
     with pytest.raises(PerdureError, match="are damaged: remove its folder groups"):
-        evaluate_files(small, tmp_path, on="here")
+        evaluate_files(small, Execution(tmp_path, on="here"))
 
 
 def test_policies_of_one_run_in_two_folders_have_two_labels(tmp_path):
@@ -205,7 +214,7 @@ def test_policies_of_one_run_in_two_folders_have_two_labels(tmp_path):
     paths = [tmp_path / name / "seed-0" / "policy.safetensors" for name in ("a", "b")]
     save_policy(policy, paths[0])
     save_policy(policy.without_critic(), paths[1])
-    result = evaluate_files(calm(tuple(paths), 5, eval_seeds=1), on="here")
+    result = evaluate_files(calm(tuple(paths), 5, eval_seeds=1), Execution(on="here"))
     labels = result.frame["policy"].unique(maintain_order=True)
     assert [str(path) in label for path, label in zip(paths, labels, strict=True)] == [True, True]
 
@@ -230,7 +239,7 @@ def test_a_policy_that_changes_meanwhile_is_refused(evaluation, policies, tmp_pa
 def test_a_worker_that_fails_is_told_in_a_sentence_and_leaves_no_group_behind(evaluation, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(PerdureError, match="exit code 1"):
-        evaluate_files(evaluation, tmp_path, cores=1)
+        evaluate_files(evaluation, Execution(tmp_path, cores=1))
     assert Store(tmp_path).keys("groups") == ()
 
 
@@ -325,15 +334,20 @@ def test_an_evaluation_of_no_file_is_refused():
         evaluate_files(Extrapolation())
 
 
+def test_a_folder_is_no_execution(tmp_path):
+    with pytest.raises(PerdureError, match="must be an Execution"):
+        evaluate_files(calm((Path("Hopper-v3/ppo"),), 5), tmp_path)
+
+
 def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policies, tmp_path):
     """The episodes are those of the files: none is run again."""
     (tmp_path / "mine").mkdir()
     mine = shutil.copy(policies[0], tmp_path / "mine" / "policy.safetensors")
     named = calm((Path("Hopper-v3/ppo"), str(tmp_path / "mine")), 2e1, eval_seeds=1)
-    first = evaluate_files(named, tmp_path / "out", on="here")
+    first = evaluate_files(named, Execution(tmp_path / "out", on="here"))
     started = []
     files = calm((find_policy("Hopper-v3/ppo"), mine), 20, eval_seeds=1)
-    again = evaluate_files(files, tmp_path / "out", on="here", observe=started.append)
+    again = evaluate_files(files, Execution(tmp_path / "out", on="here", observe=started.append))
     assert again.frame.equals(first.frame)
     assert started == []
 
@@ -341,14 +355,14 @@ def test_a_policy_may_be_a_name_a_folder_or_text_and_steps_a_whole_float(policie
 def test_policies_for_two_tasks_are_refused(policies, tmp_path):
     other = save_policy(policy_for(TaskInfo("Swimmer-v3", 8, (-1.0,) * 2, (1.0,) * 2)), tmp_path / "swimmer")
     with pytest.raises(PerdureError, match=r"Hopper-v3, Swimmer-v3"):
-        evaluate_files(calm((policies[0], other), steps=5), tmp_path / "out")
+        evaluate_files(calm((policies[0], other), steps=5), Execution(tmp_path / "out"))
 
 
 def test_one_robot_in_two_engines_is_refused_with_a_way_out(policies, tmp_path):
     theirs = save_policy(policy_for(TaskInfo("gymnasium:Hopper-v3", 11, (-1.0,) * 3, (1.0,) * 3)), tmp_path / "hopper")
     way_out = "read models with --env envpool:Hopper-v3; for Gymnasium's, train in gymnasium:Hopper-v3"
     with pytest.raises(PerdureError, match=way_out):
-        evaluate_files(Extrapolation((policies[0], theirs), steps=5), tmp_path / "out")
+        evaluate_files(Extrapolation((policies[0], theirs), steps=5), Execution(tmp_path / "out"))
 
 
 @given(episodes=st.integers(1, 300), size=st.integers(1, 60), parts=st.integers(1, 9))
@@ -372,38 +386,42 @@ def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, m
     task = TaskInfo(f"gymnasium:{name}:Id-v0", 11, (-1.0,) * 3, (1.0,) * 3)
     policy = save_policy(policy_for(task, seed=1), tmp_path / "policy.safetensors")
     with pytest.raises(ValueError, match=f"imports the Python module {name}; .* --modules {name}"):
-        evaluate_files(calm((policy,), 10), tmp_path / "out", cores=1)
+        evaluate_files(calm((policy,), 10), Execution(tmp_path / "out", cores=1))
     assert not trace.exists()
     with pytest.raises(ValueError, match="no task named"):
-        evaluate_files(calm((policy,), 10, modules=(name,)), tmp_path / "out", cores=1)
+        evaluate_files(calm((policy,), 10, modules=(name,)), Execution(tmp_path / "out", cores=1))
     assert trace.exists()
 
 
 def test_a_disturbed_evaluation_does_not_replace_the_calm_one_and_resumes(tmp_path):
     """Calm episodes in one folder are not taken for disturbed ones; the same draws come whatever runs beside."""
     run = partial(Extrapolation, (Path("Hopper-v3/ppo"),), 300, eval_seeds=2)
-    quiet = evaluate_files(run(disturb=("none",)), tmp_path, on="here").final()
+    quiet = evaluate_files(run(disturb=("none",)), Execution(tmp_path, on="here")).final()
     both = ("push:0", "action_noise:0.2")
     with pytest.raises(PerdureError, match="another evaluation, which would be replaced"):
-        evaluate_files(run(disturb=both), tmp_path, on="here")
-    noisy = evaluate_files(run(disturb=both), tmp_path / "noisy", on="here").final()
+        evaluate_files(run(disturb=both), Execution(tmp_path, on="here"))
+    noisy = evaluate_files(run(disturb=both), Execution(tmp_path / "noisy", on="here")).final()
     assert quiet["disturbance"].unique().to_list() == ["none"]
     assert noisy["disturbance"].unique().to_list() == ["action_noise:0.2 push:0"]
     assert (noisy["return"] != quiet["return"]).all()
-    alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), tmp_path / "again", on="here").final()
+    alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), Execution(tmp_path / "again", on="here")).final()
     assert alone["return"].equals(noisy["return"])
     folder = tmp_path / "noisy"
-    again = evaluate_files(run(disturb=both), folder, observe=lambda status: pytest.fail("nothing is left to run"))
+    again = evaluate_files(
+        run(disturb=both), Execution(folder, observe=lambda status: pytest.fail("nothing is left to run"))
+    )
     assert again.final()["return"].equals(noisy["return"])
     assert "ppo under action_noise:0.2 push:0" in str(again)
 
 
 def test_other_rules_replace_the_verdicts_of_a_stored_evaluation_without_a_step(evaluation, tmp_path, monkeypatch):
     started = []
-    before = evaluate_files(evaluation, tmp_path, on="here")
+    before = evaluate_files(evaluation, Execution(tmp_path, on="here"))
     monkeypatch.setattr("perdure.evaluate.verdict.LEAST_GAIN", -100.0)
     monkeypatch.setattr("perdure.evaluate.verdict.LEAST_SCORE", -100.0)
-    after = evaluate_files(evaluation, tmp_path, on="here", observe=lambda status: started.append(set(status)))
+    after = evaluate_files(
+        evaluation, Execution(tmp_path, on="here", observe=lambda status: started.append(set(status)))
+    )
     assert started == []
     assert "worked" not in set(before.frame["policy_state"])
     assert set(after.frame["policy_state"]) == {"worked"}
@@ -414,9 +432,9 @@ def test_other_rules_replace_the_verdicts_of_a_stored_evaluation_without_a_step(
 
 def test_other_raw_columns_are_simulated_again(policies, tmp_path, monkeypatch):
     small = calm(policies[:1], steps=5, eval_seeds=1)
-    evaluate_files(small, tmp_path, on="here")
+    evaluate_files(small, Execution(tmp_path, on="here"))
     before = set(Store(tmp_path).keys("groups"))
     monkeypatch.setattr("perdure.evaluate.stored.RAW_VERSION", "another")
-    evaluate_files(small, tmp_path, on="here")
+    evaluate_files(small, Execution(tmp_path, on="here"))
     assert len(before) == 1
     assert len(set(Store(tmp_path).keys("groups")) - before) == 1

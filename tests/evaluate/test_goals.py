@@ -13,11 +13,11 @@ from scripted import policy_for
 
 import perdure
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, GoalRecorder
-from perdure.evaluate.table import TABLE
+from perdure.evaluate.table import TABLE_FILE
 from perdure.policy import TaskInfo, measure_reference, save_policy
-from perdure.report import estimate_table, write_report
+from perdure.report import estimate_table, read_table, write_report
 from perdure.report.estimates import advice, headline
 from perdure.report.schema import GOALS
 from perdure.runs import Store
@@ -209,6 +209,14 @@ class TestANamedInfo:
         found = perdure.extrapolate(approach, env, success="there", **options).final()
         assert set(found["outcome"]) == {"reaches its goal"}
 
+    def test_is_noted_in_the_table_whoever_writes_it(self, tmp_path):
+        options = {"steps": 20, "eval_seeds": 2, "training_horizon": 20, "success": "there"}
+        result = perdure.extrapolate(approach, partial(Reach, key="there"), out=tmp_path / "out", **options)
+        result.write(tmp_path / "again")
+        notes = [read_table(tmp_path / folder / TABLE_FILE)[1] for folder in ("out", "again")]
+        assert notes[0]["success"] == "there"
+        assert notes[1] == notes[0]
+
     @pytest.mark.parametrize(
         ("success", "message"),
         [("nowhere", r"info\['nowhere'\].*is missing; there are is_success"), ("", "must be the name of an info")],
@@ -224,12 +232,16 @@ class TestANamedInfo:
 
         def first(success):
             asked = Extrapolation((path,), 20, eval_seeds=2, disturb=("none",), success=success)
-            return evaluate_files(asked, tmp_path / "out", on="here", cores=1).final()["goal_first_step"].to_list()
+            return (
+                evaluate_files(asked, Execution(tmp_path / "out", on="here", cores=1))
+                .final()["goal_first_step"]
+                .to_list()
+            )
 
         assert first(None) == [2.0, 2.0]
         with pytest.raises(PerdureError, match="another folder"):
             first("late")
-        (tmp_path / "out" / TABLE).unlink()
+        (tmp_path / "out" / TABLE_FILE).unlink()
         assert [first("late"), first("late")] == [[5.0, 5.0], [5.0, 5.0]]
         assert len(Store(tmp_path / "out").keys("groups")) == 2
 
@@ -249,7 +261,9 @@ class TestANamedInfo:
             if in_process:
                 return perdure.extrapolate(policy, **asked).final()["training_falls"].to_list()
             return (
-                evaluate_files(Extrapolation((path,), **asked), on="here", cores=1).final()["training_falls"].to_list()
+                evaluate_files(Extrapolation((path,), **asked), Execution(on="here", cores=1))
+                .final()["training_falls"]
+                .to_list()
             )
 
         assert (falls(None), falls("late")) == ([1.0, 1.0], [0.0, 0.0])

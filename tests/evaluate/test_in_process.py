@@ -18,7 +18,7 @@ from scripted import policy_for
 import perdure
 from perdure.envs import GymnasiumWorld, make_world
 from perdure.errors import PerdureError, PerdureWarning
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.judge import BASELINES, read_baselines, read_judged
 from perdure.evaluate.reference import constant_actions, measure_idle
 from perdure.horizon import Fixed
@@ -56,7 +56,7 @@ def by_file(timed, tmp_path_factory):
     folder = tmp_path_factory.mktemp("file")
     path = save_policy(timed, folder / "timed.safetensors")
     asked = Extrapolation((path,), 60, ("constant:500", "countdown"), eval_seeds=3, disturb=("none",))
-    return evaluate_files(asked, folder / "out", on="here")
+    return evaluate_files(asked, Execution(folder / "out", on="here"))
 
 
 class TestAFunctionIsJudgedLikeAPolicyFile:

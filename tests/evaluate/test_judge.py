@@ -15,7 +15,7 @@ from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import EpisodeSpec, ExtrapolationResult, evaluate_episodes
 from perdure.evaluate.judge import BASELINES, Baseline, judge_table, make_scales, read_baselines, read_judged
 from perdure.evaluate.reference import Idle
-from perdure.evaluate.table import TABLE, episode_table, with_not_applied
+from perdure.evaluate.table import TABLE_FILE, episode_table, with_not_applied
 from perdure.policy import Reference
 from perdure.report import read_episodes
 from perdure.report.schema import JUDGED, RAW
@@ -89,20 +89,20 @@ def run(script, *arguments):
 
 @pytest.mark.parametrize(("threshold", "outcomes"), [(0.75, "decays 36"), (0.7, "holds 24, decays 12")])
 def test_another_threshold_judges_stored_episodes_again_without_a_simulator(folder, tmp_path, threshold, outcomes):
-    before = (folder / TABLE).read_bytes()
+    before = (folder / TABLE_FILE).read_bytes()
     done = run(REPORT, threshold, folder, tmp_path)
     lines = done.stdout.splitlines()
     assert [line.endswith("holds 3") for line in lines if line.startswith("ppo  ")] == [True]
     (disturbed,) = [line for line in lines if line.startswith("ppo under standard-1  ")]
     assert disturbed.endswith(outcomes)
     assert ("24 of 39 episodes have another outcome" in done.stderr) == (threshold != 0.75)
-    assert (folder / TABLE).read_bytes() == before
+    assert (folder / TABLE_FILE).read_bytes() == before
     assert outcomes in (tmp_path / "report.html").read_text()
 
 
 def test_the_same_rules_give_the_same_columns(folder):
-    stored, _ = read_episodes(folder / TABLE)
-    judged, _ = read_judged(folder / TABLE)
+    stored, _ = read_episodes(folder / TABLE_FILE)
+    judged, _ = read_judged(folder / TABLE_FILE)
     assert [part.facts.columns for part in judged] == [part.facts.columns for part in stored]
     assert all(new.facts.equals(old.facts) for new, old in zip(judged, stored, strict=True))
 
@@ -123,10 +123,10 @@ def test_baselines_come_back_from_their_file(folder):
 
 
 def copied(folder, out, content=None):
-    (out / TABLE).write_bytes((folder / TABLE).read_bytes())
+    (out / TABLE_FILE).write_bytes((folder / TABLE_FILE).read_bytes())
     if content is not None:
         (out / BASELINES).write_bytes(content)
-    return out / TABLE
+    return out / TABLE_FILE
 
 
 def test_a_table_without_baselines_keeps_its_verdicts(folder, tmp_path, monkeypatch):
@@ -156,7 +156,7 @@ def test_an_episode_of_an_unknown_policy_is_refused():
 def test_a_changed_outcome_is_said(folder, monkeypatch):
     monkeypatch.setattr("perdure.report.scores.HOLDS_FROM", 0.5)
     with pytest.warns(PerdureWarning, match="36 of 39"):
-        found, _ = read_judged(folder / TABLE)
+        found, _ = read_judged(folder / TABLE_FILE)
     assert set(found[1].facts["outcome"]) == {"holds"}
 
 

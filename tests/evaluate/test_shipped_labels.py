@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.policy.files import LABELS, find_policy
 
 EXPECTED = {
@@ -39,7 +39,7 @@ def test_every_label_is_checked():
 def test_a_label_is_true(tmp_path, name, clock):
     given = "default" if clock == "none" else f"constant:{clock[9:-1]}"
     asked = Extrapolation((find_policy(name),), clocks=(given,), eval_seeds=10, disturb=("none",))
-    result = evaluate_files(asked, tmp_path, cores=1)
+    result = evaluate_files(asked, Execution(tmp_path, cores=1))
     verdicts = Counter(
         row["policy_state"] if row["policy_state"] != "worked" else row["outcome"]
         for row in result.final().iter_rows(named=True)
@@ -67,7 +67,7 @@ def test_what_a_label_says_of_disturbances_is_true(tmp_path, name):
     asked = Extrapolation(
         (find_policy(name),), clocks=("constant:500",), first_eval_seed=3000, eval_seeds=5, disturb=("standard-1",)
     )
-    outcomes = Counter(evaluate_files(asked, tmp_path, cores=1).final()["outcome"].to_list())
+    outcomes = Counter(evaluate_files(asked, Execution(tmp_path, cores=1)).final()["outcome"].to_list())
     assert outcomes.most_common(1)[0][0] == DISTURBED[name]
 
 
@@ -83,5 +83,5 @@ def test_what_a_label_says_of_disturbances_is_true(tmp_path, name):
 )
 def test_what_is_said_of_36_disturbed_episodes_is_true(tmp_path, name, expected):
     asked = Extrapolation((find_policy(name),), clocks=("constant:500",), disturb=("standard-1",))
-    outcomes = evaluate_files(asked, tmp_path, cores=1).final()["outcome"].to_list()
+    outcomes = evaluate_files(asked, Execution(tmp_path, cores=1)).final()["outcome"].to_list()
     assert outcomes == [expected] * 36

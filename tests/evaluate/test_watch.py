@@ -17,7 +17,7 @@ from PIL import Image
 
 from perdure.envs import make_world
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.reference import with_reference
 from perdure.evaluate.watch import (
     BELOW,
@@ -278,7 +278,7 @@ def failing(tmp_path_factory):
     """Episodes with no steps left, which fall; calm ones would run in EnvPool."""
     path, out = find_policy("Hopper-v3/geometric"), tmp_path_factory.mktemp("failing")
     asked = Extrapolation((path,), STEPS, ("constant:0",), 2, disturb=("push:0.1",))
-    return path, evaluate_files(asked, out, on="here", cores=1)
+    return path, evaluate_files(asked, Execution(out, on="here", cores=1))
 
 
 class TestStills:
@@ -326,7 +326,7 @@ class TestStills:
         export_onnx(load_policy(find_policy("Hopper-v3/ppo")), model)
         disturb, env = ("observation_noise:0.1", "push:0.5"), "gymnasium:Hopper-v4"
         asked = Extrapolation((model,), 1000, eval_seeds=2, disturb=disturb, env=env, training_horizon=40)
-        result = evaluate_files(asked, tmp_path, on="here", cores=1)
+        result = evaluate_files(asked, Execution(tmp_path, on="here", cores=1))
         assert self.drawn((model, result), tmp_path).exists()
 
     def test_there_are_none_of_another_policy(self, failing, tmp_path, policy):

@@ -78,6 +78,22 @@ class Square(Shape):
     corners = 4
 
 
+class Polygon(Shape):
+    """A base without a name of its own and without abstract methods."""
+
+    corners = 3
+
+
+@dataclass(frozen=True)
+class Triangle(Polygon):
+    name: ClassVar[str] = "triangle"
+
+
+def test_a_base_without_a_name_is_no_member():
+    assert Shape.kinds()["triangle"] is Triangle
+    assert Polygon not in Shape.kinds().values()
+
+
 def test_infinity_and_numpy_numbers_become_plain_json_values():
     assert Square(np.inf).to_json() == {"name": "square", "side": "inf"}
     assert type(Square(np.float32(2)).to_json()["side"]) is float
@@ -86,7 +102,7 @@ def test_infinity_and_numpy_numbers_become_plain_json_values():
 
 def test_two_classes_of_one_name_are_refused_before_one_hides_the_other():
     again = type("Square", (Shape,), {"name": "square", "corners": 4, "__qualname__": "Square", "__module__": __name__})
-    assert Shape.kinds() == {"square": again}, "a class that is defined again replaces itself"
+    assert Shape.kinds() == {"square": again, "triangle": Triangle}, "a class that is defined again replaces itself"
 
     @dataclass(frozen=True)
     class CopiedAndForgotten(Shape):

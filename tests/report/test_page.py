@@ -8,6 +8,7 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from specs import by_label, notes, rows, specs
 
 from perdure.errors import PerdureError
+from perdure.horizon import Clock
 from perdure.report import summary_text, write_report
 from perdure.report.estimates import estimate_table
 from perdure.report.figures import make_figures
@@ -530,6 +532,41 @@ def test_factors_below_and_above_1_are_sweeps_of_their_own(synthetic):
     )
     assert "hold under mass at none of these levels (tried: 0.9, 0.8)" in found
     assert "hold under mass up to 1.2 (tried: 1.1, 1.2)" in found
+
+
+def test_the_name_of_a_policy_is_told_from_its_disturbances(synthetic):
+    names = {"policy": "walks under none", "method": "walks under none"}
+    calm, pushed = make_groups(synthetic([names, names | {"disturbance": "push:1"}]))
+    assert (calm.policies, calm.line) == ("walks under none", "walks under none")
+    assert (pushed.policies, pushed.line) == ("walks under none", "walks under none under push:1")
+    assert calm.policy_and_clock == pushed.policy_and_clock == "walks under none, always 500 steps to go"
+
+
+@dataclass(frozen=True)
+class Whole(Clock):
+    """A clock of another package that shows the length of the deployment; its steps are no setting."""
+
+    name = "whole-of-a-stranger"
+    words = "a deployment of {} steps"
+    place = 5
+    is_tuned = False
+    steps: float
+
+    def time(self, elapsed):
+        return 0 * elapsed, self.steps + 0 * elapsed
+
+
+def test_a_clock_of_another_package_has_its_words_and_its_place(synthetic):
+    clocks = ("constant(500)", "countdown(1000)", "whole-of-a-stranger(1000)", "none", "of-a-missing-package(7)")
+    groups = make_groups(synthetic([{"clock": clock} for clock in clocks]))
+    assert [group.label for group in groups] == [
+        "geometric",
+        "geometric, a deployment of 1,000 steps",
+        "geometric, countdown from 1,000",
+        "geometric, always 500 steps to go",
+        "geometric, of-a-missing-package 7",
+    ]
+    assert [group.is_tuned_by_steps for group in groups] == [False, False, False, True, True]
 
 
 def test_levels_of_a_fault_are_a_sweep_of_their_own(synthetic):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from perdure.errors import PerdureError
 from perdure.report import COLUMNS, read_table, schema, write_table
+from perdure.report.outcomes import outcome_words
 from perdure.schema import LARGEST, UNSEEN
 
 
@@ -138,6 +139,13 @@ def test_any_label_and_number_survives_the_file(tmp_path_factory, frame, label, 
     path = tmp_path_factory.getbasetemp() / "any.parquet"
     back, _ = read_table(write_table(path, odd, {"command": label}))
     assert back.equals(odd, null_equal=True)
+
+
+def test_an_outcome_that_is_registered_after_a_table_was_read_is_a_word_of_the_next(frame, monkeypatch):
+    schema.table_episodes(frame, "the first table")
+    monkeypatch.setattr(schema, "outcome_words", lambda **wanted: [*outcome_words(**wanted), "limps"])
+    (found,) = schema.table_episodes(frame.with_columns(outcome=pl.lit("limps")), "the next")
+    assert set(found.facts["outcome"]) == {"limps"}
 
 
 def test_every_column_is_declared_once_and_documented():

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from perdure.evaluate import Extrapolation, evaluate_files, reference
+from perdure.evaluate import Execution, Extrapolation, evaluate_files, reference
 from perdure.evaluate import watch as films
 from perdure.evaluate.run import read_file
 from perdure.evaluate.watch import add_stills, watch
@@ -40,7 +40,7 @@ def test_a_calm_episode_is_filmed_beside_a_disturbed_one(policy_file, tmp_path):
 
 def test_stills_of_an_exported_policy_show_its_fall(policy_file, tmp_path):
     out, asked = tmp_path / "out", Extrapolation((policy_file,), 100, eval_seeds=1, disturb=("push:0",), env=str(ANT))
-    found = evaluate_files(asked, out, on="here", cores=1)
+    found = evaluate_files(asked, Execution(out, on="here", cores=1))
     add_stills(found.frame, found.files, [policy_file], out, "here")
     assert not (out / STILLS).exists()
     changed = {"outcome": pl.lit("fails silently"), "failed_step": pl.lit(10)}

@@ -62,8 +62,8 @@ def export(policy: PolicyName, out: tyro.conf.Positional[Path] = Path("policy.on
 
     Args:
         out: The file to write.
-        clock: Clock that is fixed in the model, such as constant:500, or default (the policy's own clock). If left out,
-            the model has the inputs elapsed and horizon.
+        clock: Clock that is fixed in the model: {clocks}, or default (the policy's own clock). If left out, the model
+            has the inputs elapsed and horizon.
     """
     from perdure.policy import load_policy
     from perdure.policy.onnx import export_onnx, is_onnx
@@ -114,8 +114,7 @@ class Watch:
     env: str | None = None
     """For model.onnx: its environment, or the contract of its robot."""
     clock: str | None = None
-    """Clock of the policy: constant:0, periodic:500, countdown:1000, countdown (to the end), or default (its own
-    clock), which is used if left out."""
+    """Clock of the policy: {clocks}, countdown (to the end), or default (its own clock), which is used if left out."""
     until_failure: bool = False
     """Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s."""
     beside: str | None = None

@@ -77,7 +77,7 @@ def extrapolate(flags: Flags, command: str) -> None:
             "file that its save() wrote, often vecnormalize.pkl beside the model"
         )
     formats: tuple[Format, ...] = () if function else ("png",)  # the figures of a function are there
-    write_and_show(table, flags.out, formats, flags.require, flags.json)
+    write_and_show(table, flags.out, formats, flags.require, flags.json, judged=True)
 
 
 def _evaluate_function(flags: Flags, command: str) -> ExtrapolationResult:
@@ -121,8 +121,7 @@ def _evaluate(
     with show_progress("extrapolate", "steps") as observe:
         return evaluate(
             subject,
-            env,
-            asked,
+            evaluation=asked,
             out=flags.out,
             cores=flags.cores,
             on=flags.on,
@@ -159,24 +158,41 @@ def find_table(path: Path) -> Path:
     """Return the table that a path means: in a folder its episodes.parquet."""
     if not path.is_dir():
         return path
-    from perdure.evaluate.table import TABLE
+    from perdure.evaluate.table import TABLE_FILE
 
-    return path / TABLE
+    return path / TABLE_FILE
 
 
 def write_and_show(
-    table: Path, out: Path, formats: Sequence[Format] = ("png",), require: str | None = None, as_json: bool = False
+    table: Path,
+    out: Path,
+    formats: Sequence[Format] = ("png",),
+    require: str | None = None,
+    as_json: bool = False,
+    *,
+    judged: bool = False,
 ) -> None:
     """Write the report of a table into ``out``; print the summary and the path of the report.
+
+    Args:
+        table: The file.
+        out: Folder of the report.
+        formats: File formats of the figures beside the page.
+        require: See `Flags`, as for `as_json`.
+        as_json: Print the summary as JSON.
+        judged: The verdicts of the table are those of this version: it was written a moment ago.
 
     Raises:
         SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
     """
     from perdure.evaluate.judge import read_judged
-    from perdure.report import estimate_table, summary_text, write_report
+    from perdure.report import estimate_table, read_episodes, summary_text, write_report
     from perdure.report.page import STILLS, not_holding, summary_json
 
-    episodes, notes = read_judged(table)
+    if judged:
+        episodes, notes = read_episodes(table)
+    else:
+        episodes, notes = read_judged(table)
     estimates = estimate_table(episodes)
     del episodes  # of a large table
     if not as_json:

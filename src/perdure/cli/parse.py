@@ -145,8 +145,9 @@ def whole_command(args: list[str], command: str) -> str:
 def _vocabularies() -> dict[str, str]:
     """Return lists that help texts contain, by their placeholder; other packages may add to them."""
     from perdure.disturbances import examples
+    from perdure.horizon import clock_examples
 
-    return {"{disturbances}": examples()}
+    return {"{disturbances}": examples(), "{clocks}": clock_examples()}
 
 
 def deferred(function: Callable[..., T], listings: Mapping[str, str]) -> Callable[..., partial[T]]:

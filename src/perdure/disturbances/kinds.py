@@ -171,13 +171,14 @@ class Lag(Effect):
 
 
 class Push(Effect):
-    """See `words`. With an onset the first push comes there; without one after 200 steps."""
+    """See `words`. With an onset the first push comes there; without one after `PUSH_STEPS`."""
 
     name = "push"
     words = (
-        "every 200 control steps the root's velocity along each horizontal axis changes by U(-level, level) in [m/s]"
+        f"every {PUSH_STEPS} control steps the root's velocity along each horizontal axis changes by U(-level, level) "
+        "in [m/s]"
     )
-    unit = "m/s, every 200 steps"
+    unit = f"m/s, every {PUSH_STEPS} steps"
     example = 0.5
     source = "Rudin et al. 2022, legged_gym"
     place = 60
@@ -253,7 +254,9 @@ class Payload(Effect):
     """See `words`. Its mass is a share of the root body's after `Mass`."""
 
     name = "payload"
-    words = "a point mass of `level` times the root body's, fixed 0.1 m in front of its center of mass"
+    words = (
+        f"a point mass of `level` times the root body's, fixed {PAYLOAD_DISTANCE:g} m in front of its center of mass"
+    )
     unit = "of the root body's mass"
     example = 0.1
     place = 60

@@ -81,7 +81,7 @@ class Disturbance:
     @property
     def label(self) -> str:
         """The text that `parse_disturbance` reads, such as ``push:0.5`` or ``strength:0.5@2000+500``."""
-        level = f"{self.name}:{self.level:g}"
+        level = f"{self.name}:{level_text(self.level)}"
         if not self.is_timed:
             return level
         if self.duration is None:
@@ -98,6 +98,14 @@ class Disturbance:
         if self.duration is None:
             return begun
         return begun & (elapsed < self.onset + self.duration)
+
+
+def level_text(level: float) -> str:
+    """Return a level as text that reads back exactly, in six digits where those do: "0.5", "2", "0.1234567"."""
+    short = f"{level:g}"
+    if float(short) == level:
+        return short
+    return repr(float(level)).removesuffix(".0")
 
 
 def split_text(text: str) -> tuple[str, str, str]:
@@ -156,6 +164,17 @@ def parse_disturbances(texts: Sequence[str]) -> tuple[Disturbance, ...]:
 def labels(disturbances: Sequence[Disturbance]) -> str:
     """Return how tables name disturbances that act together: "action_noise:0.1 push:0.5"."""
     return " ".join(each.label for each in disturbances) or CALM
+
+
+def applied_disturbances(label: str, not_applied: str) -> tuple[Disturbance, ...]:
+    """Return the disturbances that episodes of a table met.
+
+    Args:
+        label: Their column `disturbance`: as of `labels`, or a name in `STANDARDS`.
+        not_applied: Their column `not_applied`: names of the kinds that the world could not do, after commas.
+    """
+    left_out = not_applied.split(", ")
+    return tuple(each for each in parse_disturbances(label.split()) if each.name not in left_out)
 
 
 def check_onsets(disturbances: Sequence[Disturbance], steps: float) -> None:

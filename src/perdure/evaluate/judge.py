@@ -35,6 +35,8 @@ NOTE = "baselines"
 PolicyKey = tuple[str, int]
 """Label and training seed of a policy of a table."""
 Scales = Mapping[PolicyKey, ScoreScale]
+Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Recorded steps of an episode, and the sum of rewards up to each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,29 +72,29 @@ def judge_table(frame: pl.DataFrame, scales: Scales) -> pl.DataFrame:
             steps.
         scales: The score scale of each policy.
     """
-    import polars as pl
-
     last = np.flatnonzero(frame["step"] == frame["test_horizon"])
     begins = np.concatenate([[0], last[:-1] + 1])
     grid = frame["step"].to_numpy()
     returns = frame["return"].to_numpy()
-    rows = []
-    for begin, end, episode in zip(begins, last + 1, frame[last].iter_rows(named=True), strict=True):
-        rows.append(_judged_row(episode, grid[begin:end], returns[begin:end], scales))
-    judged = pl.DataFrame(rows, {name: COLUMNS[name] for name in JUDGED})
-    return frame.drop(JUDGED, strict=False).hstack(judged[np.repeat(np.arange(len(rows)), last + 1 - begins)])
+    curves = [(grid[begin:end], returns[begin:end]) for begin, end in zip(begins, last + 1, strict=True)]
+    judged = _judge(frame[last], curves, scales)
+    return frame.drop(JUDGED, strict=False).hstack(judged[np.repeat(np.arange(len(last)), last + 1 - begins)])
 
 
 def judge_again(episodes: Episodes, scales: Scales) -> Episodes:
     """Return the episodes of a stored table with the columns that are judged computed anew."""
+    curves = [(episodes.steps, returns) for returns in episodes.returns]
+    return replace(episodes, facts=episodes.facts.with_columns(_judge(episodes.facts, curves, scales)))
+
+
+def _judge(episodes: pl.DataFrame, curves: Iterable[Curve], scales: Scales) -> pl.DataFrame:
+    """Return the judged columns of episodes, one row for each: of their raw columns and their curves."""
     import polars as pl
 
-    rows = [
-        _judged_row(episode, episodes.steps, returns, scales)
-        for episode, returns in zip(episodes.facts.iter_rows(named=True), episodes.returns, strict=True)
-    ]
-    judged = pl.DataFrame(rows, {name: COLUMNS[name] for name in JUDGED})
-    return replace(episodes, facts=episodes.facts.with_columns(judged))
+    rows = []
+    for episode, (steps, returns) in zip(episodes.iter_rows(named=True), curves, strict=True):
+        rows.append(_judged_row(episode, steps, returns, scales))
+    return pl.DataFrame(rows, {name: COLUMNS[name] for name in JUDGED})
 
 
 def _judged_row(

@@ -89,7 +89,7 @@ class Extrapolation:
     hours: float | None = field(default=None, kw_only=True)
     """In place of --steps: hours of each of those episodes, by the environment's control rate."""
     clocks: tuple[str, ...] = OWN_CLOCK
-    """Clocks of policies with a time-to-go input: constant:500, periodic:500, countdown:1000, countdown (to the end),
+    """Clocks of policies with a time-to-go input: {clocks}, countdown (to the end),
     default (each policy's own clock), sweep (constant 0 to 1000 and periodic 100 to 1000 in steps of 100, and
     countdown)."""
     eval_seeds: int | None = None
@@ -129,7 +129,10 @@ class Extrapolation:
         if self.disturb == ():
             raise PerdureError(f'disturb must name something: ("{CALM}",) disturbs nothing')
         self._set("_clocks", tuple(CLOCK_WORDS.get(text) or parse_clock(text) for text in self.clocks))
-        self._set("_disturbances", _read_disturbances((CALM,) if self.disturb is None else self.disturb))
+        if self.disturb is None:
+            self._set("_disturbances", _read_disturbances((CALM,)) | _read_disturbances((STANDARD,)))
+        else:
+            self._set("_disturbances", _read_disturbances(self.disturb))
         most = MAX_SEED + 1 - FIRST_EVAL_SEED
         asked = max(each.eval_seeds for each in self._asked(1.0))
         if self.first_eval_seed + asked > most:
@@ -147,15 +150,14 @@ class Extrapolation:
             steps = max(1, round(3600.0 * self.hours / step_seconds))
         asked = []
         for label, disturbances in self._disturbances.items():
-            if disturbances:
-                most = DISTURBED_STEPS
-                seeds = DISTURBED_SEEDS
+            if self.disturb is None and disturbances:  # --steps and --eval-seeds are of the calm episodes
+                condition = Condition(label, disturbances, DISTURBED_STEPS, DISTURBED_SEEDS)
+            elif disturbances:
+                seeds = self.eval_seeds or DISTURBED_SEEDS
+                condition = Condition(label, disturbances, steps or DISTURBED_STEPS, seeds)
             else:
-                most = CALM_STEPS
-                seeds = CALM_SEEDS
-            asked.append(Condition(label, disturbances, steps or most, self.eval_seeds or seeds))
-        if self.disturb is None:
-            asked.append(Condition(STANDARD, parse_disturbances([STANDARD]), DISTURBED_STEPS, DISTURBED_SEEDS))
+                condition = Condition(label, disturbances, steps or CALM_STEPS, self.eval_seeds or CALM_SEEDS)
+            asked.append(condition)
         return asked
 
     def conditions(self, spec: TaskSpec, make: Make) -> list[Condition]:

@@ -21,7 +21,7 @@ from perdure.evaluate.table import ExtrapolationResult, method_label, train_seed
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, find_policy, load_policy
 from perdure.policy.onnx import OnnxModel, is_onnx, model_digest
 from perdure.policy.reference import resolve_training_horizon
-from perdure.runs import Observer, config_digest
+from perdure.runs import config_digest
 from perdure.runs.progress import Lines
 from perdure.schema import printable
 
@@ -72,8 +72,7 @@ def extrapolate(
             raise PerdureError("recurrent and name are for functions, not for files")
         files = tuple(map(Path, [policy] if isinstance(policy, str | Path) else policy))
         if env is None or (isinstance(env, str) and any(map(is_onnx, files))):
-            asked = replace(asked, policies=files, env=env)
-            return evaluate(*_file_subjects(asked), asked, execution)
+            return evaluate(*_file_subjects(files, env, asked), asked, execution)
         if len(files) > 1:
             raise PerdureError("several policy files are evaluated in their own task: leave env out")
         subject = load(files[0])
@@ -89,37 +88,27 @@ def extrapolate(
         return evaluate([acting], worlds, asked, execution)
 
 
-def evaluate_files(
-    evaluation: Extrapolation,
-    out: str | Path | None = None,
-    *,
-    cores: int | None = None,
-    on: str = "local",
-    command: str = "",
-    observe: Observer = lambda status: None,
-    waiting: Callable[[], None] = lambda: None,
-) -> ExtrapolationResult:
-    """Evaluate every episode of policy files and write ``episodes.parquet`` into ``out``.
+def evaluate_files(evaluation: Extrapolation, execution: Execution | None = None) -> ExtrapolationResult:
+    """Evaluate every episode of policy files and write ``episodes.parquet`` into the folder of the results.
 
-    Finished episodes are kept in ``out``. An interrupted evaluation resumes, and one with more clocks, start states or
+    Finished episodes are kept there. An interrupted evaluation resumes, and one with more clocks, start states or
     policies runs only the new episodes. Results do not depend on the number of cores.
 
     Args:
         evaluation: What is evaluated.
-        out: A folder; made if it is missing. None keeps nothing.
-        cores: See `Execution`, as for the others.
-        on: Where.
-        command: Command line.
-        observe: Progress.
-        waiting: For another evaluation.
+        execution: Where; by default on all cores, with nothing kept.
 
     Raises:
-        PerdureError: If the policies do not belong to one task, ``out`` holds the table of a function, a group of
-            episodes failed, ``cores`` or ``on`` is out of range, or a policy file cannot be read.
-        OSError: If ``out`` cannot be written.
+        PerdureError: If `execution` is of another kind, the policies do not belong to one task, the folder holds the
+            table of a function, a group of episodes failed, or a policy file cannot be read.
+        OSError: If the folder cannot be written.
     """
-    execution = Execution(out, cores, on, command, observe, waiting)
-    return evaluate(*_file_subjects(evaluation), evaluation, execution)
+    if execution is None:
+        execution = Execution()
+    if not isinstance(execution, Execution):
+        raise PerdureError(f"execution must be an Execution, such as Execution(out={str(execution)!r})")
+    subjects, worlds = _file_subjects(evaluation.policies, evaluation.env, evaluation)
+    return evaluate(subjects, worlds, evaluation, execution)
 
 
 def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tuple[Extrapolation, Execution]:
@@ -137,11 +126,13 @@ def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tupl
         if isinstance(changes.get(name), str):
             changes[name] = (changes[name],)
     if changes.get("clocks") in (None, (), []):
-        changes["clocks"] = evaluation.clocks
+        changes.pop("clocks", None)
     places = {name: value for name, value in options.items() if name in how}
     if places.get("observe") is None:
         places["observe"] = Lines("extrapolate", "steps")
-    return replace(evaluation, **changes), Execution(**places)
+    if changes:  # a new object reads its clocks and disturbances again
+        evaluation = replace(evaluation, **changes)
+    return evaluation, Execution(**places)
 
 
 # Policies of this process
@@ -232,19 +223,25 @@ def takes_clock(path: Path) -> bool:
     return loaded.has_clock if isinstance(loaded, Policy) else bool(loaded.times)
 
 
-def _file_subjects(evaluation: Extrapolation) -> tuple[list[Subject], Worlds]:
-    """Read every policy of an evaluation, and refuse what cannot be evaluated together."""
-    models = list(map(is_onnx, evaluation.policies))
+def _file_subjects(files: Sequence[Path], env: str | None, evaluation: Extrapolation) -> tuple[list[Subject], Worlds]:
+    """Read every policy file of an evaluation, and refuse what cannot be evaluated together.
+
+    Args:
+        files: Policy files, or names as `find_policy` takes them, and ONNX models.
+        env: The environment of ONNX models.
+        evaluation: The other options.
+    """
+    models = list(map(is_onnx, files))
     if not models:
         raise PerdureError("no policy to evaluate: name at least one policy file")
-    if evaluation.env is None and any(models):
+    if env is None and any(models):
         raise PerdureError("an ONNX model needs its environment: --env Hopper-v5 (env=)")
-    if not any(models) and (evaluation.env, evaluation.training_horizon) != (None, None):
+    if not any(models) and (env, evaluation.training_horizon) != (None, None):
         raise PerdureError("env and training_horizon are for ONNX models; a policy file names its own")
     subjects = list[Subject]()
-    paths = [path if is_onnx(path) else find_policy(path) for path in evaluation.policies]
+    paths = [path if is_onnx(path) else find_policy(path) for path in files]
     for path in paths:
-        subject = _file_subject(path, evaluation)
+        subject = _file_subject(path, env, evaluation)
         for other, before in zip(subjects, paths, strict=False):
             if other.source.identity == subject.source.identity:
                 raise PerdureError(f"{before} and {path} hold the same policy: name only one of them")
@@ -258,10 +255,10 @@ def _file_subjects(evaluation: Extrapolation) -> tuple[list[Subject], Worlds]:
     return subjects, Worlds(subjects[0].policy.task.name, None, evaluation.success)
 
 
-def _file_subject(path: Path, evaluation: Extrapolation) -> Subject:
+def _file_subject(path: Path, env: str | None, evaluation: Extrapolation) -> Subject:
     """Return the policy of a file, without a label."""
     model = is_onnx(path)
-    task = task_of_environment(evaluation.env) if model and evaluation.env is not None else ""
+    task = task_of_environment(env) if model and env is not None else ""
     if not path.is_file():
         load(path)  # raises what is wrong
     digest = model_digest(path)

@@ -21,15 +21,14 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
-from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales, write_baselines
+from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales
 from perdure.evaluate.options import Extrapolation
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
-    TABLE,
+    TABLE_FILE,
     ExtrapolationResult,
     episode_table,
     file_note,
-    made_with,
     train_seed,
     with_not_applied,
 )
@@ -183,21 +182,20 @@ def evaluate(
         baselines = groups.baselines()
         frame = judge_table(raw, make_scales(baselines, subjects[0].policy.task.name))
         files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
+        result = ExtrapolationResult(frame, None, files, baselines, evaluation.success or "")
         if execution.out is None:
-            return ExtrapolationResult(frame, None, files, baselines)
-        from perdure.report import write_report, write_table
-
-        told = {"command": execution.command, "success": evaluation.success or "", **made_with(), **files}
-        told |= write_baselines(Path(execution.out), baselines)
-        path = write_table(Path(execution.out) / TABLE, frame, told)
-        if not of_files:  # the command line adds stills to the page of policy files
-            write_report(frame, execution.out, execution.command, notes=told)
-        return ExtrapolationResult(frame, path, files, baselines)
+            return result
+        if of_files:  # the command line writes their page, with stills
+            path, _ = result.write_table(execution.out, execution.command)
+        else:
+            result.write(execution.out, execution.command)
+            path = Path(execution.out) / TABLE_FILE
+        return replace(result, path=path)
 
 
 def _refuse_replacing(store: Store, subjects: Sequence[Subject], episodes: Sequence[EpisodeSpec], success: str) -> None:
     """Refuse to replace a table that has episodes of other files or settings than those asked for."""
-    path = store.root / TABLE
+    path = store.root / TABLE_FILE
     if any(each.digest is None for each in subjects):
         if path.exists() or store.keys(GROUPS):
             raise PerdureError(f"an evaluation in this process cannot be continued: {REPLACED.format(store.root)}")
@@ -398,7 +396,7 @@ def evaluate_group(
         episodes: Of one condition.
         worlds: Where they act.
     """
-    if (work.folder / TABLE).is_file():  # an attempt that was interrupted between its last two steps
+    if (work.folder / TABLE_FILE).is_file():  # an attempt that was interrupted between its last two steps
         return
     policies = []
     for source, reference in zip(sources, references, strict=True):
@@ -418,7 +416,7 @@ def evaluate_group(
         records = evaluate_episodes(policies, lanes, progress, world, worlds.success)
     rows = episode_table([each.identity for each in sources], policies, lanes, records)
     rows = rows.head(len(rows) // len(lanes) * len(episodes))
-    write_atomic(work.folder / TABLE, parquet_bytes(rows))
+    write_atomic(work.folder / TABLE_FILE, parquet_bytes(rows))
 
 
 def _collect(store: Store, groups: Iterable[str], episodes: Sequence[tuple[Any, ...]]) -> pl.DataFrame:
@@ -435,7 +433,7 @@ def _collect(store: Store, groups: Iterable[str], episodes: Sequence[tuple[Any, 
     identity = ["policy", "clock", "eval_seed", "disturbance", "test_horizon"]
     wanted = pl.DataFrame(episodes, [*identity, "label"], orient="row").with_row_index("episode")
     try:
-        files = [Parquet((store.get(key) / TABLE).read_bytes()) for key in groups]
+        files = [Parquet((store.get(key) / TABLE_FILE).read_bytes()) for key in groups]
         found = pl.concat([file.read([*identity, "step"]) for file in files])
     except (PerdureError, pl.exceptions.PolarsError) as error:
         raise PerdureError(damaged) from error

@@ -26,7 +26,7 @@ from perdure.runs import versions
 if TYPE_CHECKING:
     import polars as pl
 
-TABLE = "episodes.parquet"
+TABLE_FILE = "episodes.parquet"
 """Name of the table's file."""
 
 
@@ -47,6 +47,8 @@ class ExtrapolationResult:
     """SHA-256 of each policy file by `file_note`: stored with the table, so that a card can check its policy."""
     baselines: Baselines = field(default_factory=dict)
     """What the rewards of each policy are compared with: stored beside the table, which can then be judged again."""
+    success: str = ""
+    """The `success` of the evaluation; "": the environment's own entry."""
 
     def __str__(self) -> str:
         from perdure.report import summary_text
@@ -60,13 +62,19 @@ class ExtrapolationResult:
             out: A folder; made if it is missing.
             command: What made the table, for a reader who wants to repeat it.
         """
-        from perdure.report import write_report, write_table
+        from perdure.report import write_report
 
-        notes = {"command": command, **made_with(), **self.files}
+        _, notes = self.write_table(out, command)
+        return write_report(self.frame, out, command, notes=notes)
+
+    def write_table(self, out: str | Path, command: str) -> tuple[Path, dict[str, str]]:
+        """Write the table and its baselines into a folder; return its file and its notes. Arguments as of `write`."""
+        from perdure.report import write_table
+
+        notes = {"command": command, "success": self.success, **made_with(), **self.files}
         if self.baselines:
             notes |= write_baselines(Path(out), self.baselines)
-        write_table(Path(out) / TABLE, self.frame, notes)
-        return write_report(self.frame, out, command, notes=notes)
+        return write_table(Path(out) / TABLE_FILE, self.frame, notes), notes
 
     @property
     def holds(self) -> bool:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from perdure.disturbances import Disturbance, check_onsets, labels, parse_disturbances
+from perdure.disturbances import Disturbance, applied_disturbances, check_onsets, labels, parse_disturbances
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
 from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
 from perdure.envs.envpool import STEP_SECONDS
@@ -469,9 +469,7 @@ class _Filmed:
 
 def _filmed(row: Mapping[str, Any], notes: Mapping[str, str]) -> _Filmed:
     """Return the episode of the last row that a table has of it."""
-    left_out = row["not_applied"].split(", ")
-    asked = parse_disturbances(row["disturbance"].split())
-    met = tuple(each for each in asked if each.name not in left_out)
+    met = applied_disturbances(row["disturbance"], row["not_applied"])
     clock = None if row["clock"] == NO_CLOCK else parse_clock(row["clock"])
     # A fall is shown where it ended the episode, also after a silent failure.
     at = row["end_step"] if outcome(row["outcome"]).by_end else max(1, row["failed_step"])

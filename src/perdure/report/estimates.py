@@ -20,6 +20,7 @@ from perdure.disturbances import CALM, neutral_level, split_text
 from perdure.report import wording
 from perdure.report.groups import (
     ALL,
+    MOSTLY_FALLS,
     NO_CLOCK,
     Group,
     failure_times,
@@ -48,7 +49,7 @@ from perdure.report.outcomes import (
     verdicts_in_order,
 )
 from perdure.report.schema import Episodes, IntArray
-from perdure.report.scores import IDLE_BELOW, SURVIVED
+from perdure.report.scores import END_SURVIVED, IDLE_BELOW
 from perdure.stats import (
     EXACT,
     BoolArray,
@@ -210,7 +211,7 @@ class Verdict:
             return ENDS_AT_ONE_STEP
         if self.label == CannotTell.name and (group["outcome"] == Cut.name).mean() > 0.5:
             return Cut.name
-        other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= 0.5).all()
+        other_clock = group.clock_kind != NO_CLOCK and (group["training_falls"] <= MOSTLY_FALLS).all()
         short = self.ended and (group.falls_in_training or (self.within and not other_clock))
         return FALLS_IN_TRAINING if short else self.label
 
@@ -479,7 +480,7 @@ def _of(number: int, total: int, verb: str) -> str:
 def _behavior(group: Group) -> list[str]:
     """Return how episodes end and whether robots move, whatever they earn: "3 of 8 fall at steps 90 to 400"."""
     reason = group["end_reason"]
-    survived = reason == SURVIVED
+    survived = reason == END_SURVIVED
     last = group["movement_last"]  # nan where it is unknown: neither motionless nor moving
     found = {
         "fall": reason == "terminated",

@@ -19,6 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from perdure.disturbances import CALM
+from perdure.horizon import Clock
 from perdure.report import wording
 from perdure.report.outcomes import (
     WORKED,
@@ -49,13 +50,12 @@ SUCCESSES = [
 ]
 """If the environment reports successes in some episodes, those of which it says nothing have none."""
 NO_CLOCK = "none"
-MOSTLY = 0.5
+MOSTLY_FALLS = 0.5
 """A policy mostly falls in training if more than this share of its reference episodes do."""
 ALIKE = 0.01
 """Start states behave as one if the rewards of a window differ by less than this share of the gain over idle."""
 MARKS = 100
 """Most windows in which rewards are compared."""
-_KIND_ORDER = (NO_CLOCK, "countdown", "constant", "periodic")
 ALL = pl.lit(True)
 TRAINING_SCORE = (pl.col("training_rate") - pl.col("idle_rate")) / (pl.col("published_rate") - pl.col("idle_rate"))
 """Score of a policy within its training horizon against a published policy of the task; nan: none is known."""
@@ -110,9 +110,10 @@ class Group:
     """Episodes that share task, line and clock."""
 
     task: str
+    policies: str
+    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies."""
     line: str
-    """Name of the policies: the method, its training seeds pooled; the policy's label if that would mix policies. Names
-    what disturbs the episodes."""
+    """Name of the policies, and what disturbs the episodes."""
     clock: str
     clock_kind: str
     clock_steps: float
@@ -165,7 +166,7 @@ class Group:
     @property
     def policy_and_clock(self) -> str:
         """The label without what disturbs the episodes."""
-        return self._with_clock(self.line.removesuffix(f" under {self.disturbance}"))
+        return self._with_clock(self.policies)
 
     def _with_clock(self, name: str) -> str:
         return name if self.clock_kind == NO_CLOCK else f"{name}, {self.clock_words}"
@@ -184,12 +185,13 @@ class Group:
     @property
     def is_tuned_by_steps(self) -> bool:
         """Whether the clock has a parameter C."""
-        return self.clock_kind not in (NO_CLOCK, "countdown") and bool(np.isfinite(self.clock_steps))
+        kind = Clock.kinds().get(self.clock_kind, Clock)
+        return self.clock_kind != NO_CLOCK and kind.is_tuned and bool(np.isfinite(self.clock_steps))
 
     @property
     def falls_in_training(self) -> bool:
         """Whether most reference episodes fell within the training horizon."""
-        return bool(np.nanmean(known) > MOSTLY) if np.isfinite(known := self["training_falls"]).any() else False
+        return bool(np.nanmean(known) > MOSTLY_FALLS) if np.isfinite(known := self["training_falls"]).any() else False
 
     @property
     def one_end(self) -> int | None:
@@ -299,15 +301,17 @@ def behave_as_one(steps: IntArray, returns: FloatArray, settling: int, gain: flo
 def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -> tuple[Group, ...]:
     """Split an extrapolation table, or its episodes, into groups; PerdureError if the table does not fit the schema.
 
-    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, countdown,
-    constant, periodic, each by its number of steps. Groups hold the episodes that `mine` selects; whether a task ends
+    Tasks and lines keep the order in which the table names them; within a line the clocks are sorted: none, then by
+    `Clock.place`, each kind by its number of steps. Groups hold the episodes that `mine` selects; whether a task ends
     at its goal is seen in the whole table.
     """
     tasks = table_episodes(table, "The table") if isinstance(table, pl.DataFrame) else table
     whole = pl.concat([task.facts for task in tasks]).with_columns(SUCCESSES, verdict=episode_verdicts())
     groups = []
     for task, facts in zip(tasks, whole.partition_by("task", "disturbance", maintain_order=True), strict=True):
-        score = pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY).then(TRAINING_SCORE).otherwise(float("nan"))
+        score = (
+            pl.when(pl.col("training_falls").fill_nan(0.0) <= MOSTLY_FALLS).then(TRAINING_SCORE).otherwise(float("nan"))
+        )
         facts = facts.with_row_index("row").filter(mine).with_columns(note=_notes(), training_score=score)
         facts = _name_lines(facts).sort("policy", "train_seed", "eval_seed")
         order = {line: index for index, line in enumerate(facts.sort("place")["line"].unique(maintain_order=True))}
@@ -317,7 +321,7 @@ def make_groups(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL) -
 
 
 def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
-    """Add the column `line`."""
+    """Add the columns `policies` and `line`."""
     horizon = pl.col("train_horizon")
     whole = horizon.is_finite()
     number = pl.when(whole).then(horizon).otherwise(0.0).cast(pl.Int64).cast(pl.String)
@@ -325,18 +329,23 @@ def _name_lines(facts: pl.DataFrame) -> pl.DataFrame:
     pooled = pl.col("policy").n_unique().over("method", "train_horizon") == 1
     ambiguous = horizon.n_unique().over("method") > 1
     method = pl.col("method") + pl.when(ambiguous).then(pl.format(" (T = {})", shown)).otherwise(pl.lit(""))
-    facts = facts.with_columns(line=pl.when(pooled).then(method).otherwise("policy"))
-    disturbed = pl.format("{} under {}", "line", "disturbance")
-    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("line").otherwise(disturbed))
+    facts = facts.with_columns(policies=pl.when(pooled).then(method).otherwise("policy"))
+    disturbed = pl.format("{} under {}", "policies", "disturbance")
+    return facts.with_columns(line=pl.when(pl.col("disturbance") == CALM).then("policies").otherwise(disturbed))
 
 
 def _clock_order(group: Group) -> tuple[int, str, float, str]:
     kind = group.clock_kind
-    place = _KIND_ORDER.index(kind) if kind in _KIND_ORDER else len(_KIND_ORDER)
+    place = 0
+    if kind != NO_CLOCK:
+        place = Clock.kinds().get(kind, Clock).place
     return place, kind, np.nan_to_num(group.clock_steps, nan=-1.0), group.clock
 
 
-_OF_GROUP = ("task", "line", "clock", "clock_kind", "clock_steps", "disturbance", "train_horizon", "test_horizon")
+_OF_GROUP = (
+    *("task", "policies", "line", "clock", "clock_kind", "clock_steps", "disturbance", "train_horizon"),
+    "test_horizon",
+)
 
 
 def _make_group(episodes: Episodes, part: pl.DataFrame) -> Group:

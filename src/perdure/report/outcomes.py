@@ -15,7 +15,6 @@ from perdure.registry import Registered
 from perdure.report.scores import FEWEST_JUDGED, HOLDS_FROM, IDLE_BELOW, EpisodeScores
 
 HELP = "https://github.com/perdure/perdure/blob/main/docs/how-to/when-a-policy-fails.md"
-_PERCENT = f"{100 * HOLDS_FROM:.0f} %"
 
 
 class Advice(NamedTuple):

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from perdure.disturbances import CALM, parse_disturbances
+from perdure.disturbances import CALM, applied_disturbances, labels
 from perdure.report import wording
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import (
@@ -133,7 +133,7 @@ def page(title: str, parts: Sequence[str], command: str, made: str = "") -> str:
 
 PAGE = "report.html"
 STILLS = "failure.png"
-MOST_POINTS = 12
+MOST_VERDICTS = 12
 """Most policies and clocks for which the text gives the evidence."""
 MOST_NAMED = 3
 """Most policies in the title of a page."""
@@ -178,7 +178,7 @@ def write_report(
         top, others = (unique(drawn, taken) for drawn in make_figures(estimates))
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
-        verdicts = [(outcome(item.verdict.label), item.verdict.sentence) for item in estimates[:MOST_POINTS]]
+        verdicts = [(outcome(item.verdict.label), item.verdict.sentence) for item in estimates[:MOST_VERDICTS]]
         after = _advice(estimates, folder, command, notes)
         parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
@@ -208,7 +208,7 @@ def summary_text(table: Table | Estimates) -> str:
         rows = _rows(estimates)
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-        points = [item.verdict.sentence for item in estimates[:MOST_POINTS]]
+        points = [item.verdict.sentence for item in estimates[:MOST_VERDICTS]]
         points = [f"  {point}" for point in (*points, *_beside_verdicts(estimates))]
         parts.append("\n".join([headline([item.verdict for item in estimates]), *points, "", *lines]))
     return "\n\n".join(parts)
@@ -222,8 +222,8 @@ def _estimates(table: Table | Estimates) -> Estimates:
 
 def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
     """Yield the sentences under the verdicts: how many are left out, and the best clock of each policy."""
-    if len(estimates) > MOST_POINTS:
-        yield f"{len(estimates) - MOST_POINTS} more policies and clocks are in the table."
+    if len(estimates) > MOST_VERDICTS:
+        yield f"{len(estimates) - MOST_VERDICTS} more policies and clocks are in the table."
     yield from endured(estimates)
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
@@ -267,20 +267,14 @@ def _watch_command(group: Group, folder: Path, command: str) -> str:
         options["first-eval-seed"] = first
     if group.clock_kind != NO_CLOCK:
         options["clock"] = group.clock_flag
-    disturb = _applied(group)
-    if disturb not in ("", CALM):
+    left_out = group["not_applied"][0]
+    disturb = group.disturbance
+    if left_out:
+        disturb = labels(applied_disturbances(disturb, left_out))
+    if disturb != CALM:
         options["disturb"] = disturb
     flags = "".join(f" --{name} {value}" for name, value in options.items())
     return WATCH.format(policy, flags)
-
-
-def _applied(group: Group) -> str:
-    """Return what of the disturbances the world could do, as `--disturb` takes it."""
-    left_out = group["not_applied"][0].split(", ")
-    if not any(left_out):
-        return group.disturbance
-    asked = parse_disturbances(group.disturbance.split())
-    return " ".join(each.label for each in asked if each.name not in left_out)
 
 
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
@@ -432,7 +426,7 @@ def _group(item: Estimate) -> dict[str, Any]:
     hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
     return {
         "task": group.task,
-        "policy": group.line.removesuffix(f" under {group.disturbance}"),
+        "policy": group.policies,
         "clock": group.clock,
         "disturbance": group.disturbance,
         "not_applied": group["not_applied"][0],

@@ -16,7 +16,6 @@ import math
 import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.report.outcomes import OWN_TABLE_WORDS, POLICY_STATES, outcome_words
-from perdure.report.scores import SURVIVED
+from perdure.report.scores import END_SURVIVED, IDLE_BELOW
 from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
 
@@ -84,7 +83,7 @@ _RATE = Real(unknown=True)
 _MOVEMENT = Real(0.0, unknown=True)
 _HORIZON = Real(1.0, infinite=True, unknown=True)
 _CLOCK_STEPS = Real(0.0, infinite=True, unknown=True)
-END_REASONS = (SURVIVED, "terminated", "truncated", "diverged")
+END_REASONS = (END_SURVIVED, "terminated", "truncated", "diverged")
 
 GOALS = {"goal_first_step": math.inf, "goal_longest_stay": 0.0, "goal_at_end": 0.0}
 """Columns about successes, with the value of an episode that has none."""
@@ -156,7 +155,7 @@ TABLE: dict[str, Column] = {
     ),
     "ever_idle": Column(
         Flag(),
-        "two consecutive windows after settling scored below 0.25: hardly better than idle",
+        f"two consecutive windows after settling scored below {IDLE_BELOW:g}: hardly better than idle",
         judged=True,
         heading="ever idle",
     ),
@@ -178,7 +177,6 @@ JUDGED = tuple(name for name, column in TABLE.items() if column.judged)
 RAW = tuple(name for name in TABLE if name not in JUDGED)
 
 
-@cache
 def row_kind() -> Table:
     """Return what one row may hold; its outcome may be one that another package registers."""
     kinds = {name: column.kind for name, column in TABLE.items()}

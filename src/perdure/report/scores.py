@@ -29,7 +29,7 @@ SURE = 2
 """A robot that paused before fails silently once it is idle for SURE times its longest earlier pause."""
 ONE_SIDED = 1.645
 """Standard errors by which a mean must lie below HOLDS_FROM to exclude chance (normal, one-sided 95 %)."""
-SURVIVED = "survived"
+END_SURVIVED = "survived"
 """End reason of an episode that nothing ended."""
 
 
@@ -71,7 +71,7 @@ class EpisodeScores:
     @property
     def survived(self) -> bool:
         """Whether nothing ended the episode."""
-        return self.end_reason == SURVIVED
+        return self.end_reason == END_SURVIVED
 
     @property
     def comparable(self) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from perdure.horizon import Clock
+
 
 def whole(value: float) -> str:
     """Format 100000 as "100,000", and infinity and nan in words."""
@@ -37,12 +39,10 @@ def quantity(value: float) -> str:
 
 def clock(kind: str, steps: str) -> str:
     """Return the clock in words: "constant", "500" -> "always 500 steps to go"."""
-    known = {
-        "constant": f"always {steps} steps to go",
-        "countdown": f"countdown from {steps}",
-        "periodic": f"countdown from {steps}, repeated",
-    }
-    return known.get(kind, f"{kind} {steps}")
+    found = Clock.kinds().get(kind)
+    if found is None or not found.words:  # of a package that is not installed here
+        return f"{kind} {steps}"
+    return found.words.format(steps)
 
 
 def sample(counts: Sequence[int], noun: str) -> str:

@@ -18,7 +18,7 @@ from onnx import TensorProto, helper, numpy_helper
 import perdure
 from perdure.envs import task_spec
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.horizon import Constant, Countdown, Fixed, HorizonProtocol, Periodic, TimeFeature, Uniform
 from perdure.policy import load_policy
 from perdure.policy.network import ACTIVATIONS
@@ -192,14 +192,14 @@ class TestModelsOfOtherMakers:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            evaluate_files(replace(asked, max_episodes=1), tmp_path / "out", on="here", observe=die)
+            evaluate_files(replace(asked, max_episodes=1), Execution(tmp_path / "out", on="here", observe=die))
         done = set(Store(tmp_path / "out").keys("groups"))
         assert 0 < len(done) < 4
-        resumed = evaluate_files(asked, tmp_path / "out", on="here", cores=2)
-        assert resumed.frame.equals(evaluate_files(asked, on="here").frame)
+        resumed = evaluate_files(asked, Execution(tmp_path / "out", on="here", cores=2))
+        assert resumed.frame.equals(evaluate_files(asked, Execution(on="here")).frame)
         assert set(Store(tmp_path / "out").keys("groups")) > done
         with pytest.raises(PerdureError, match="another evaluation"):
-            evaluate_files(replace(asked, training_horizon=60), tmp_path / "out", on="here")
+            evaluate_files(replace(asked, training_horizon=60), Execution(tmp_path / "out", on="here"))
 
     def test_act_on_each_row_alone(self, tmp_path):
         for batch in ("batch", 1, 3):

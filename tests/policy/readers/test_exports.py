@@ -23,7 +23,7 @@ import perdure
 from perdure.cli.show import model_text
 from perdure.cli.subjects import policy_files
 from perdure.errors import PerdureError, PerdureWarning
-from perdure.evaluate import Extrapolation, evaluate_files
+from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.run import load
 from perdure.policy import Policy, load_policy
 from perdure.policy.onnx import OnnxModel, metadata, model_digest
@@ -339,9 +339,9 @@ class TestState:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            evaluate_files(replace(asked, max_episodes=1), tmp_path / "out", on="here", observe=die)
+            evaluate_files(replace(asked, max_episodes=1), Execution(tmp_path / "out", on="here", observe=die))
         assert 0 < len(set(Store(tmp_path / "out").keys("groups"))) < 3
-        resumed = evaluate_files(asked, tmp_path / "out", on="here").frame
+        resumed = evaluate_files(asked, Execution(tmp_path / "out", on="here")).frame
         here = perdure.extrapolate(
             *(OnnxModel.load(path), "Pendulum-v1"), steps=40, eval_seeds=3, disturb="none", training_horizon=20
         )
