@@ -7,7 +7,7 @@ import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_state, state, step_reward
 
 from perdure.home.sim.apartments import make_apartment
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.simulator import ARM, GRIP
 from perdure.home.skills import (
@@ -23,6 +23,7 @@ from perdure.home.skills import (
 )
 from perdure.home.skills.articulated import PAST_EDGE
 
+FRIDGE_DOOR = CONTAINERS["fridge"].links[0]
 HELD = state(held=BOWL, object=[1.0, 0.5, 0.8])
 
 

@@ -45,8 +45,6 @@ ATTEMPTS = 5
 """Attempts of a skill with a target in all (our choice)."""
 WAYS = 2
 """Failed navigations to an attempt after which it begins wherever the robot stands (our choice)."""
-MARGIN = 0.1
-"""Distance in [m] beside and below a receptacle at which an object still lies in it."""
 NOT_AT_START = 0.1
 """The planner looks for an object again that is farther than this in [m] from its start."""
 
@@ -194,16 +192,11 @@ def find_container(episode: Episode, target: int, facts: WorldFacts) -> str | No
     apartment = episode.apartment()
     point = np.asarray(facts.object_positions[target])
     for name in (episode.objects[target].receptacle, episode.goals[target].receptacle):
-        receptacle = apartment.receptacle(name)
         link = apartment.container(name)
         if link is None:
             continue
-        container = container_of(link)
-        opened = {link: float(container_position(facts, container.name))}
-        pose = apartment.piece(receptacle.piece).pose
-        away = pose.to_local(point) - pose.to_local(apartment.surface_to_room(receptacle, np.zeros(2), opened))
-        level = not container.slides or -MARGIN < away[2] < receptacle.headroom  # any shelf behind a door will do
-        if level and (np.abs(away[:2]) < np.asarray(receptacle.half) + MARGIN).all():
+        opened = {link: float(container_position(facts, container_of(link).name))}
+        if apartment.is_inside(apartment.receptacle(name), point, opened):
             return link
     return None
 

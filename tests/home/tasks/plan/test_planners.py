@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planners import ATTEMPTS, LEARNED, PLANNERS, ClosedLoop, Planner, find_container, needed_skills
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import NOTHING, TASKS, SkillStep, WorldFacts
 
+FRIDGE_DOOR = CONTAINERS["fridge"].links[0]
 FLOOR = (0.0, 0.0, 0.05)
 OPEN = {"drawer": 0.45, "fridge": 1.9}
 
