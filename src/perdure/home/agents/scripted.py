@@ -94,7 +94,7 @@ def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatAr
 
 
 def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
-    """Return poses beside and above an object that stands behind another one in a container; arguments as `pick_gripper_goals`."""
+    """Return poses beside and above an object that stands behind another one; arguments as `pick_gripper_goals`."""
     gripper_goals = []
     for slope, turn in product(INSIDE_SLOPES[:3], INSIDE_TURNS):
         approach = _direction(point, origin, slope, turn)

@@ -30,7 +30,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
-from perdure.home.tasks.planners import PLANNERS, FallbackName, Planner, PlannerName, needed_skills
+from perdure.home.tasks.planners import FallbackName, OpenLoop, Planner, find_planner, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
 OVERTIME = 150
@@ -50,18 +50,20 @@ class ExecutorOptions:
     scene: SceneOptions = field(default_factory=SceneOptions)
     settle_steps: int = SETTLE_STEPS
     """Control steps of the settling time, 1 or more."""
-    planner: PlannerName = "open"
-    """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
+    planner: str = OpenLoop.name
+    """A name of `Planner`."""
     fallback: FallbackName = "oracle"
-    """Of the closed loop: "oracle" takes over a skill that failed often; "none": its target is given up at last."""
+    """Of planners that have one. "oracle" takes over a skill that failed often; "none": its target is given up."""
 
     def __post_init__(self) -> None:
         """Refuse unknown names, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
-        lookup(PLANNERS, self.planner, "planner")
+        planner = find_planner(self.planner)
         lookup(dict.fromkeys(get_args(FallbackName)), self.fallback, "fallback")
-        if self.fallback != "oracle" and self.planner == "open":
+        if self.fallback != "oracle" and not planner.has_fallback:
+            having = ", ".join(name for name, kind in Planner.kinds().items() if kind.has_fallback)
             raise PerdureError(
-                f"fallback {self.fallback} needs planner closed: with planner open the oracle never takes over"
+                f"fallback {self.fallback} needs another planner ({having}): with planner {self.planner} the oracle "
+                "never takes over"
             )
         least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
@@ -287,7 +289,7 @@ class Executor:
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        planner = PLANNERS[self._options.planner](episode, self._options.fallback)
+        planner = find_planner(self._options.planner)(episode, self._options.fallback)
         each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene))
         each.current = planner.next(each.facts(world, lane))
         return each

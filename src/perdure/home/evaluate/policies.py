@@ -16,7 +16,7 @@ from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.place import VARIANTS, variant_options
-from perdure.home.tasks.planners import PlannerName, needed_skills
+from perdure.home.tasks.planners import OpenLoop, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.horizon import Clock, parse_clock
 from perdure.policy import Policy, files, load_policy
@@ -178,7 +178,7 @@ def choose_policies(
     train_seed: int,
     chosen: Mapping[str, str] | None = None,
     release: ReleaseChoice | None = None,
-    planner: PlannerName = "open",
+    planner: str = OpenLoop.name,
 ) -> dict[SkillName, SkillPolicy]:
     """Return the policy of each skill that a planner may choose in a task.
 
@@ -188,7 +188,7 @@ def choose_policies(
         chosen: Skill to `SkillPolicy.source`; skills that are not named get the shipped policy, or the oracle without
             one.
         release: The release choice, which decides the place policy; the benchmark's when None.
-        planner: The planner.
+        planner: Name of the planner.
 
     Raises:
         PerdureError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is

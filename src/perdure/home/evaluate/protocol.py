@@ -21,7 +21,7 @@ from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.planners import needed_skills
+from perdure.home.tasks.planners import OpenLoop, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.runs import Observer, Store, Unit, Work, run_missing, versions
 from perdure.schema import read_json
@@ -75,7 +75,7 @@ class EvaluationProtocol:
     def folder(self) -> str:
         """Where the store keeps all of it, such as `set_table/val/ik` or `set_table/val/rl-drag-closed-no-fallback`."""
         words = [self.place, *self.options.scene.words]
-        if self.options.planner != "open":
+        if self.options.planner != OpenLoop.name:
             words.append(self.options.planner)
         if self.options.fallback == "none":
             words.append("no-fallback")
@@ -198,7 +198,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
-        **({} if protocol.options.planner == "open" else {"planner": protocol.options.planner}),
+        **({} if protocol.options.planner == OpenLoop.name else {"planner": protocol.options.planner}),
         **({} if protocol.options.fallback == "oracle" else {"fallback": protocol.options.fallback}),
         **versions("mujoco"),
     }

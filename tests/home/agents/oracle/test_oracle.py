@@ -46,7 +46,7 @@ def test_only_what_is_in_the_fridge_is_behind_a_door(task):
 
 
 def test_an_object_behind_any_door_is_reached_from_the_front(monkeypatch):
-    """The hand goes in straight, with the arm raised before; on an open surface it comes from where the robot stands."""
+    """The robot raises its arm some way back and drives the hand in. On an open surface it need not."""
     episode = load_episodes("tidy_house", "val")[18]
     query = CollisionQuery(Simulator(episode_scene(episode)))
     point = np.array(episode.objects[0].position)
