@@ -147,7 +147,8 @@ def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float)
     return np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), -np.sin(slope)])
 
 
-ATTEMPTS = 3
+GRASP_ATTEMPTS = 3
+"""How often the oracle tries to grasp an object or a handle in one skill."""
 GRASP_MARGIN = 0.002
 """Safety margin of the grasp radius in [m]: the robot still moves when its hand closes."""
 
@@ -155,7 +156,7 @@ GRASP_MARGIN = 0.002
 def pick(view: View) -> Motion:
     """Pick the target."""
     target = int(view.state.target[0])
-    for _ in range(ATTEMPTS):
+    for _ in range(GRASP_ATTEMPTS):
         yield from unjam(view)
         plan = plan_pick(CollisionQuery(view.simulator), view.state.object[0].copy(), target, view.base)
         if plan is None:
@@ -249,7 +250,7 @@ HANDLE_BACK = 0.15
 def articulate(view: View, goal: float, enough: float) -> Motion:
     """Move the skill goal's drawer or door to within `enough` of `goal`. In [m] or [rad]."""
     link = int(view.state.link[0])
-    for _ in range(ATTEMPTS):
+    for _ in range(GRASP_ATTEMPTS):
         yield from unjam(view)
         plan = plan_handle(CollisionQuery(view.simulator), link, view.base)
         if plan is None:

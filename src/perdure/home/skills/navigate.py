@@ -51,7 +51,7 @@ def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     ]
 
 
-PATH = obs.ObservationTerm(
+PATH = obs.ObservationBlock(
     (
         *obs.vector("aim_in_base", "position of the aim (the object, goal or handle to face) in the base frame", "xy"),
         obs.Element("aim_distance", "horizontal distance of the aim", "m", 0.0),

@@ -30,7 +30,7 @@ def _neighbors(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     return [*turned, near, lead, np.minimum(state.handle_distance, NEIGHBORHOOD)]
 
 
-CONFUSABLE = obs.ObservationTerm(
+CONFUSABLE = obs.ObservationBlock(
     (
         *(
             element

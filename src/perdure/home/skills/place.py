@@ -35,7 +35,7 @@ rest 6 mm forward, 13 mm sideways, 8 mm downward."""
 GENTLE_LOG_STD = -3.0
 """The noise at the end of a training with `gentle`: at e^-3 98 % of all steps rest in the dead zone, at e^-2 6 %."""
 
-CARRIED = obs.ObservationTerm(
+CARRIED = obs.ObservationBlock(
     (
         *obs.vector("object_from_goal", "vector from the goal to the object"),
         obs.Element("goal_distance", "d_o^g: length of that vector", "m", 0.0),
@@ -138,11 +138,11 @@ class Place(Skill):
             return usual
         return replace(usual, settings={**usual.settings, "log_std_end": GENTLE_LOG_STD})
 
-    def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
-        """See `Skill.observation_terms`."""
+    def observation_blocks(self) -> tuple[obs.ObservationBlock, ...]:
+        """See `Skill.observation_blocks`."""
         if self.delta == 1:
             return self.observation
-        lasting = obs.ObservationTerm((LASTING,), lambda _, now: [np.minimum(now.lasting / self.delta, 1.0)])
+        lasting = obs.ObservationBlock((LASTING,), lambda _, now: [np.minimum(now.lasting / self.delta, 1.0)])
         return (*self.observation, lasting)
 
     def reward_terms(
