@@ -108,6 +108,11 @@ class HandOver:
         """See `SkillAgent.needs_scan`."""
         return self.inner.needs_scan
 
+    @property
+    def is_oracle(self) -> bool:
+        """See `SkillAgent.is_oracle`."""
+        return self.inner.is_oracle
+
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
         self._motions.pop(lane, None)

@@ -463,6 +463,7 @@ class Oracle(SkillAgent):
     """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
 
     needs_scan = False
+    is_oracle = True
 
     def __init__(self) -> None:
         """Start without plans; a plan is made when a skill begins."""

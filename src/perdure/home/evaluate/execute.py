@@ -418,9 +418,7 @@ class Executor:
             succeeded = bool(success[row] and not state.diverged[row])
             if not succeeded:
                 each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
-            agent = self._agents[name]
-            scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
-            what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
+            what = (step.skill, step.target, step.attempt, step.toward or "", self._agents[name].is_oracle)
             each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
 
             # Ask the planner what is next.

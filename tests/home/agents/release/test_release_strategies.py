@@ -25,6 +25,7 @@ class Hasty:
     """Swings the arm and drives, and wants to let go at a given step."""
 
     needs_scan = False
+    is_oracle = False
 
     def __init__(self, at=12, forward=0.3):
         self.at, self.forward = at, forward

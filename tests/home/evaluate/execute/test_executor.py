@@ -28,6 +28,7 @@ class Idle:
     """Does nothing, for ever."""
 
     needs_scan = False
+    is_oracle = False
 
     def begin(self, world, lane, skill):
         pass
