@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,14 @@ from perdure.home.agents.release import HandOver
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
-from perdure.home.evaluate.policies import ReleaseChoice, SkillPolicy, choose_policies, make_agents, read_release
+from perdure.home.evaluate.policies import (
+    ORACLE,
+    ReleaseChoice,
+    SkillPolicy,
+    choose_policies,
+    make_agents,
+    read_release,
+)
 from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import Skill, get_skill
@@ -61,7 +69,7 @@ class EvaluationProtocol:
                 raise PerdureError(f"{name} must be 1 or more, not {value}")
         _ = self.release
 
-    @property
+    @cached_property
     def release(self) -> ReleaseChoice:
         """The meaning of `place`."""
         return read_release(self.place)
@@ -206,7 +214,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
 
 def _digests(policies: Policies) -> dict[SkillName, str]:
     return {
-        skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or each.source
+        skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or ORACLE
         for skill, each in policies.items()
     }
 
