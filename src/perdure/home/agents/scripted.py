@@ -34,9 +34,10 @@ from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import get_kind
 from perdure.home.sim.occupancy import apartment_footprints, free_space
 from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
-from perdure.home.sim.simulator import ACTION_SIZE, GRASP, GRASP_RADIUS, RELEASE, STOP
+from perdure.home.sim.simulator import GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS, Skill, SkillProgress
 from perdure.home.skills.articulated import Articulated
@@ -478,14 +479,14 @@ class Oracle(SkillAgent):
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """See `SkillAgent.act`. After the end of a motion the robot stands still, or signals "stop"."""
-        actions = np.zeros((len(lanes), ACTION_SIZE))
+        actions = np.zeros((len(lanes), ROBOT.action_size))
         for row, lane in enumerate(lanes.tolist()):
             view, motion = self._running[lane]
             view.state = state[row : row + 1]
             action = next(motion, None)
             if action is not None:
                 actions[row] = action
-                actions[row, STOP] = -1.0  # it knows better than the map where to stop
+                actions[row, ROBOT.action.stop] = -1.0  # it knows better than the map where to stop
             elif skill.name == Verb.NAVIGATE:
-                actions[row, STOP] = 1.0
+                actions[row, ROBOT.action.stop] = 1.0
         return actions

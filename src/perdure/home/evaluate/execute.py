@@ -23,9 +23,10 @@ from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import CONTAINERS, LINK_CONTAINERS
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
-from perdure.home.sim.simulator import ACTION_SIZE, Simulator
+from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
@@ -341,7 +342,7 @@ class Executor:
         known = world.sense(lanes, scan_reach, neighbors)
 
         # Act. A lane in its settling time stands still.
-        actions = np.zeros((world.num_lanes, ACTION_SIZE))
+        actions = np.zeros((world.num_lanes, ROBOT.action_size))
         speed = np.ones(world.num_lanes)
         arm_step = np.zeros(world.num_lanes)
         for name, group in groups.items():

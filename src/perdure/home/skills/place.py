@@ -13,9 +13,10 @@ from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.kinematics import toward
 from perdure.home.sim.objects import Placement
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, norm
-from perdure.home.sim.simulator import ARM_STEP, GRIP
+from perdure.home.sim.simulator import ARM_STEP
 from perdure.home.skills import skill as obs
 from perdure.home.skills.skill import RETRACTED, Recipe, Skill, SkillProgress
 from perdure.home.tasks.episodes import Episode
@@ -192,7 +193,7 @@ class Place(Skill):
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Never grasp."""
         masked = actions.copy()
-        masked[:, GRIP] = np.minimum(masked[:, GRIP], 0.0)
+        masked[:, ROBOT.action.grip] = np.minimum(masked[:, ROBOT.action.grip], 0.0)
         return masked
 
     def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:

@@ -18,7 +18,7 @@ from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import BEAMS, SCAN_RANGE, PrivilegedState, SkillGoal, norm, wrap
-from perdure.home.sim.simulator import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP
+from perdure.home.sim.simulator import ARM_STEP, BASE_SPEED
 from perdure.home.skills import starts
 from perdure.home.skills.starts import Aim
 from perdure.home.tasks.episodes import Episode
@@ -277,7 +277,7 @@ class Skill(ABC):
     task_recipes: ClassVar[Mapping[str, Recipe]] = {}
     """Other recipes, by task."""
 
-    active_columns: ClassVar[tuple[int, ...]] = tuple(range(GRIP + 1))
+    active_columns: ClassVar[tuple[int, ...]] = tuple(range(ROBOT.action.grip + 1))
     """The columns of the robot's action that a policy sets; the others are 0."""
     grip_text: ClassVar[str] = "above 0: grasp the nearest object or handle, below 0: let go"
     """What the grip action does."""
@@ -369,7 +369,7 @@ class Skill(ABC):
 
         Shape (n, m) -> (n, action size).
         """
-        full = np.zeros((len(actions), ACTION_SIZE))
+        full = np.zeros((len(actions), ROBOT.action_size))
         full[:, list(self.active_columns)] = actions
         return full
 

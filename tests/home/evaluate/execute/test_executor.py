@@ -11,8 +11,8 @@ from perdure.home.agents.release import HandOver, Stop
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched, stabilizing
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import SceneOptions
-from perdure.home.sim.simulator import ACTION_SIZE, FORWARD, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planners import OpenLoop, Planner, needed_skills
@@ -34,7 +34,7 @@ class Idle:
         pass
 
     def act(self, world, lanes, skill, state, progress):
-        return np.zeros((len(lanes), ACTION_SIZE))
+        return np.zeros((len(lanes), ROBOT.action_size))
 
     def overtime(self, lane):
         return False
@@ -217,7 +217,7 @@ class Forward(Idle):
 
     def act(self, world, lanes, skill, state, progress):
         actions = super().act(world, lanes, skill, state, progress)
-        actions[:, FORWARD] = 0.3
+        actions[:, ROBOT.action.forward] = 0.3
         return actions
 
 
@@ -250,7 +250,7 @@ class Holding(Idle):
 
     def act(self, world, lanes, skill, state, progress):
         actions = super().act(world, lanes, skill, state, progress)
-        actions[:, GRIP] = 1.0
+        actions[:, ROBOT.action.grip] = 1.0
         return actions
 
     def overtime(self, lane):
