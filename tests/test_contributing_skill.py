@@ -19,7 +19,7 @@ from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.environment import env_id, register
-from perdure.home.skills.skill import PROPRIOCEPTION, Element, ObservationTerm, Recipe, Skill, SkillProgress
+from perdure.home.skills.skill import PROPRIOCEPTION, Element, ObservationBlock, Recipe, Skill, SkillProgress
 from perdure.home.skills.train import train_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.tasks import TASKS, with_resets
@@ -43,7 +43,7 @@ class RaiseHand(Skill):
     step_limit = 60
     observation = (
         PROPRIOCEPTION,
-        ObservationTerm(
+        ObservationBlock(
             (Element("missing_height", "height to rise", "m", 0.0),), lambda state, _: [missing_height(state)]
         ),
     )

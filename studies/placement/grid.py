@@ -13,7 +13,7 @@ from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.objects import ROLLING
 from perdure.home.sim.scene import LEVERS, SceneOptions
-from perdure.home.tasks.planners import FallbackName, PlannerName
+from perdure.home.tasks.planners import FallbackName
 
 TASKS = ("set_table", "tidy_house", "prepare_groceries")
 RELEASES = ("rl", "stop", "ik", "guarded")
@@ -39,7 +39,7 @@ class Row:
     """Release strategy, see `read_release`."""
     split: str
     """"val": layouts known from training; "eval": an unseen layout; "eval-2": five more."""
-    planner: PlannerName
+    planner: str
     rolling: float
     """Lever arm in [m], from 0 (only drag, as in Habitat) to the default."""
     phase: int
@@ -79,7 +79,7 @@ def _rows(
     tasks: Iterable[str],
     places: Iterable[str],
     levers: Iterable[float] = (ROLLING,),
-    planner: PlannerName = "closed",
+    planner: str = "closed",
     split: str = "eval",
     eval_seeds: int = 1,
     episodes: int = 100,

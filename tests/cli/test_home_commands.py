@@ -1,18 +1,21 @@
 """``perdure home``: what its commands print and leave behind, and how they refuse."""
 
+import gc
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from perdure.cli.home import Shown, parse_policies
+from perdure.cli.home import Shown, main, parse_policies
 from perdure.errors import PerdureError
+from perdure.home.agents.release import ReleaseStrategy
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.protocol import EvaluationProtocol, run_protocol
 from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
+from perdure.home.tasks.planners import Planner
 from tests.home.limits import shorten
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "home" / "evaluate" / "outcomes"))
@@ -48,6 +51,30 @@ def test_help_lists_every_command(command, tmp_path):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_explains_itself(command, tmp_path, name):
     assert f"usage: perdure home {name}" in succeeded(command("home", name, "--help", cwd=tmp_path))
+
+
+def test_the_help_lists_planners_and_release_strategies_of_other_packages(capsys):
+    class Lazy(Planner):
+        name = "lazy"
+        words = "nothing is planned"
+
+        def next(self, facts, succeeded=True):
+            return None
+
+    class Throw(ReleaseStrategy):
+        name = "throw"
+        words = "throw it there"
+
+        def motion(self, view):
+            yield from ()
+
+    with pytest.raises(SystemExit):
+        main("run", ["--help"])
+    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for words in ("lazy: nothing is planned", "throw: throw it there", "closed: planned again", "stop: stop first"):
+        assert words in shown
+    del Lazy, Throw
+    gc.collect()
 
 
 def test_the_british_spelling_of_analyze_works(command, tmp_path):

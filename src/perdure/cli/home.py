@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ import tyro
 from perdure.cli.parse import Cores, On, call, check_folder
 from perdure.errors import PerdureError
 from perdure.home.sim.scene import SceneOptions, WorldOptions
-from perdure.home.tasks.planners import FallbackName, PlannerName
+from perdure.home.tasks.planners import FallbackName
 from perdure.report.charts import Format
 
 if TYPE_CHECKING:
@@ -40,10 +40,29 @@ Policies = Annotated[
         "left in the skill."
     ),
 ]
-Planner = Annotated[
-    PlannerName,
-    tyro.conf.arg(help="open: the task's plan runs whatever happens. closed: it is planned again after each skill."),
-]
+
+
+def _listed(kinds: Mapping[str, Any], default: str) -> str:
+    """Return the members of a vocabulary with their words, for the help of a flag."""
+    members = "; ".join(f"{name}: {kind.words}" for name, kind in kinds.items())
+    return f"({members}; default: {default})"
+
+
+def _planners(default: str) -> str:
+    from perdure.home.tasks.planners import Planner
+
+    return _listed(Planner.kinds(), default)
+
+
+def _release_strategies(default: str) -> str:
+    from perdure.home.agents.release import ReleaseStrategy
+
+    return _listed(ReleaseStrategy.kinds(), default)
+
+
+# The vocabularies are imported when a help text is printed: other packages may add to them.
+PlannerName = Annotated[str, tyro.conf.arg(help="Which skill is next in an episode.", help_behavior_hint=_planners)]
+Place = Annotated[str, tyro.conf.arg(help_behavior_hint=_release_strategies)]
 Fallback = Annotated[
     FallbackName,
     tyro.conf.arg(
@@ -179,7 +198,7 @@ class Shown:
     policies: Policies = ()
     train_seed: int = 0
     """Training seed of the shipped policies."""
-    planner: Planner = "open"
+    planner: PlannerName = "open"
     fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""
@@ -275,7 +294,7 @@ class Training:
     variant: str | None = None
     """For place: gentle, hand or delta-N, see `perdure home run --help`."""
     method: str = "ppo"
-    """ppo; linear or geometric with the time-to-go as an input; or another of `perdure list methods`."""
+    """ppo; linear or geometric with the time-to-go as an input; or another of PPO's in `perdure list methods`."""
     seeds: tuple[int, ...] = (0,)
     """Training seeds, such as 0 1 2, trained side by side."""
     steps: int | None = None
@@ -338,12 +357,11 @@ def train(
 class Runs:
     """What is run of a task."""
 
-    place: str = "rl"
-    """One release strategy: what happens when the policy commands the hand to open. rl: it opens at once. Hand-overs,
-    in which the policy waits: stop (the robot stops first), ik (then lowers the hand by 5 cm), guarded (then lowers the
-    object until it touches down). Policies trained otherwise: delta-N (the object must stay for N steps), gentle
-    (release at rest), hand (Cartesian actions), linear and geometric (time-to-go), linear-N and geometric-N (always N
-    steps to go). gentle is shipped for set_table."""
+    place: Place = "rl"
+    """One release strategy: what happens when the policy commands the hand to open. Or a policy that was trained
+    otherwise and opens it at once: delta-N (the object must stay for N steps), gentle (release at rest), hand
+    (Cartesian actions), linear and geometric (time-to-go), linear-N and geometric-N (always N steps to go). gentle is
+    shipped for set_table."""
     split: Split = "val"
     episodes: int = 100
     """Number of episodes of the split, from its first one."""
@@ -352,7 +370,7 @@ class Runs:
     eval_seeds: int = 1
     """Number of evaluation seeds; each draws the robot's start poses."""
     policies: Policies = ()
-    planner: Planner = "open"
+    planner: PlannerName = "open"
     fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""

@@ -45,6 +45,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode
+from perdure.home.tasks.planners import find_planner
 from perdure.home.tasks.tasks import SKILL_CONTAINERS, SKILL_VERBS, SkillName, SkillStep, Verb
 
 BEFORE = 45
@@ -95,7 +96,7 @@ class Agent:
         else:
             words = f"learned: {', '.join(learned)}; the scripted oracle acts in the other skills"
         options = self.protocol.options
-        if learned and options.planner == "closed" and options.fallback == "oracle":
+        if learned and find_planner(options.planner).has_fallback and options.fallback == "oracle":
             words += ", after three failures the oracle"
         return f"{self.protocol.strategy.name}: {words}"
 

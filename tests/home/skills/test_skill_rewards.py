@@ -7,9 +7,8 @@ import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, failure, gripper_off, random_state, state, step_reward
 
 from perdure.home.sim.apartments import make_apartment
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.sim.robot import ROBOT
-from perdure.home.sim.simulator import ARM, GRIP
 from perdure.home.skills import (
     CloseDrawer,
     CloseFridge,
@@ -23,6 +22,7 @@ from perdure.home.skills import (
 )
 from perdure.home.skills.articulated import PAST_EDGE
 
+FRIDGE_DOOR = CONTAINERS["fridge"].links[0]
 HELD = state(held=BOWL, object=[1.0, 0.5, 0.8])
 
 
@@ -205,13 +205,13 @@ def test_a_grasp_torn_too_far_is_invalid(what, limit):
 
 def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_only():
     actions, now = np.array([np.linspace(-0.9, 0.9, 11), np.linspace(0.9, -0.9, 11)]), random_state(2, 0)
-    actions[:, GRIP] = 0.9, -0.9
+    actions[:, ROBOT.action.grip] = 0.9, -0.9
     alone = replace(now, neighbor_distance=np.full(2, np.inf), handle_distance=np.full(2, np.inf))
-    assert Pick().mask(actions, alone)[:, GRIP].tolist() == [0.9, 0.0]
-    assert Place().mask(actions, now)[:, GRIP].tolist() == [0.0, -0.9]
+    assert Pick().mask(actions, alone)[:, ROBOT.action.grip].tolist() == [0.9, 0.0]
+    assert Place().mask(actions, now)[:, ROBOT.action.grip].tolist() == [0.0, -0.9]
     masked = Navigate().mask(actions, now)
-    assert not masked[:, ARM].any()
-    assert not masked[:, GRIP].any()
+    assert not masked[:, ROBOT.action.arm].any()
+    assert not masked[:, ROBOT.action.grip].any()
     np.testing.assert_array_equal(masked[:, :2], actions[:, :2])
     np.testing.assert_array_equal(OpenDrawer().mask(actions, now), actions)
 
@@ -227,9 +227,9 @@ def test_pick_cannot_let_go_place_cannot_grasp_and_navigation_moves_the_base_onl
 )
 def test_pick_closes_its_hand_only_where_it_would_take_the_target(around, closes):
     action = np.zeros((1, 11))
-    action[:, GRIP] = 0.5
+    action[:, ROBOT.action.grip] = 0.5
     now = state(gripper=[1.0, 0.0, 0.8], object=[1.1, 0.0, 0.8], **around)
-    assert bool(Pick().mask(action, now)[0, GRIP] > 0.0) == closes
+    assert bool(Pick().mask(action, now)[0, ROBOT.action.grip] > 0.0) == closes
 
 
 def test_reset_arm_moves_a_joint_to_rest_by_at_most_a_tenth_of_a_radian_and_rolls_the_short_way():
@@ -238,7 +238,7 @@ def test_reset_arm_moves_a_joint_to_rest_by_at_most_a_tenth_of_a_radian_and_roll
     target[1] -= 0.5
     target[2] += 2.0 * np.pi - 0.04  # 0.04 below, once round
     action = ResetArm().act(state(arm_target=target))[0]
-    np.testing.assert_allclose(action[ARM], [-0.5, 1.0, 0.4, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(action[ROBOT.action.arm], [-0.5, 1.0, 0.4, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
 
 
 NAMES = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge", "navigate", "reset_arm")

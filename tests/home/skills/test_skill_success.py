@@ -5,7 +5,7 @@ import pytest
 from hand_made import BOWL, DRAWER, OTHER, change, course, gripper_off, state, succeeds
 
 from perdure.errors import PerdureError
-from perdure.home.sim.simulator import ACTION_SIZE, FORWARD, STOP, TURN
+from perdure.home.sim.robot import ROBOT
 from perdure.home.skills import (
     SKILLS,
     CloseDrawer,
@@ -168,11 +168,11 @@ def test_the_executor_ends_a_navigation_that_is_stuck():
 def test_the_map_stops_navigation_unless_somebody_knows_better():
     skill, silent = Navigate(), change(ARRIVED, stopped=False)
     for stop, wanted, where in ((0.0, 1.0, silent), (-1.0, -1.0, silent), (0.0, 0.0, change(silent, way=0.2))):
-        action = np.full((1, ACTION_SIZE), 0.5)
-        action[0, STOP] = stop
+        action = np.full((1, ROBOT.action_size), 0.5)
+        action[0, ROBOT.action.stop] = stop
         masked = skill.mask(action, where)
-        assert masked[0, STOP] == wanted
-        assert (masked[0, [FORWARD, TURN]] == 0.5).all()
+        assert masked[0, ROBOT.action.stop] == wanted
+        assert (masked[0, [ROBOT.action.forward, ROBOT.action.turn]] == 0.5).all()
 
 
 def test_the_executor_stops_place_without_looking_at_the_object():

@@ -25,13 +25,18 @@ from perdure.policy import Policy
 class SkillAgent(Protocol):
     """Acts for some lanes at a time. What it remembers of a lane, it keeps under the lane's number.
 
-    Subclasses inherit `begin` and `overtime`, which do nothing. Any class with these members is an agent.
+    Subclasses inherit all but `act`. Any class with these members is an agent.
     """
 
     @property
     def needs_scan(self) -> bool:
         """Whether it needs the scan and the target's neighbors, where the skill has them."""
         return True
+
+    @property
+    def is_oracle(self) -> bool:
+        """Whether the oracle acts, so that logs count its skills as scripted."""
+        return False
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """Prepare a lane for a skill; its skill goal is set."""

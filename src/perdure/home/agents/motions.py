@@ -15,16 +15,7 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import wrap
-from perdure.home.sim.simulator import (
-    ACTION_SIZE,
-    ARM,
-    ARM_STEP,
-    FORWARD,
-    GRIP,
-    LEAVE,
-    TURN,
-    Simulator,
-)
+from perdure.home.sim.simulator import ARM_STEP, LEAVE, Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import rest_error
 
@@ -64,12 +55,12 @@ class View(LaneView):
         self, forward: float = 0.0, turn: float = 0.0, arm: FloatArray | None = None, grip: float = LEAVE
     ) -> FloatArray:
         """Return an action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
-        action = np.zeros(ACTION_SIZE)
-        action[FORWARD] = forward / self.base_speed
-        action[TURN] = turn / self.base_speed
-        action[GRIP] = grip
+        action = np.zeros(ROBOT.action_size)
+        action[ROBOT.action.forward] = forward / self.base_speed
+        action[ROBOT.action.turn] = turn / self.base_speed
+        action[ROBOT.action.grip] = grip
         if arm is not None:
-            action[ARM] = arm / ARM_STEP
+            action[ROBOT.action.arm] = arm / ARM_STEP
         return np.clip(action, -1.0, 1.0)
 
 
@@ -245,5 +236,5 @@ def reach_for(view: View, point: FloatArray, speed: float, tool: FloatArray) -> 
 
 def together(first: Motion, second: Motion) -> Motion:
     """Run two motions at once, of base and arm, until both have ended; their actions are added."""
-    for actions in zip_longest(first, second, fillvalue=np.zeros(ACTION_SIZE)):
-        yield np.clip(sum(actions, np.zeros(ACTION_SIZE)), -1.0, 1.0)
+    for actions in zip_longest(first, second, fillvalue=np.zeros(ROBOT.action_size)):
+        yield np.clip(sum(actions, np.zeros(ROBOT.action_size)), -1.0, 1.0)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.kinematics import gripper_pose, reach_many
 from perdure.home.sim.occupancy import FreeSpace
-from perdure.home.sim.pieces import FRIDGE_DOOR, Pose
+from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import wrap
 from perdure.home.sim.simulator import ARM_STEP, Simulator
@@ -39,10 +39,9 @@ class CollisionQuery:
         self._start: FloatArray = np.array(simulator.qpos)
         self._held = simulator.held
 
-    def in_fridge(self, point: FloatArray) -> bool:
-        """Return whether a point of the room is within the fridge's outline."""
-        local = self.simulator.scene.apartment.piece_of(FRIDGE_DOOR).pose.to_local(np.asarray(point))
-        return bool((np.abs(local[:2]) < 0.35).all())
+    def is_behind_door(self, point: FloatArray) -> bool:
+        """Return whether a point of the room is in a container with a door."""
+        return self.simulator.scene.apartment.is_behind_door(np.asarray(point))
 
     def depth(self, base: Pose, arm: ArrayLike, firm: int = -1) -> float:
         """Return the penetration of the robot and the held object at a pose in [m], 0 for free; arm of shape (joints,).
@@ -119,7 +118,7 @@ FARTHER_AHEAD = (0.75, 0.9, 1.05, 1.2)
 FINE_AHEAD = (0.0, 0.1, 0.2, 0.3, 0.4, -0.1, 0.5)
 FINE_TURNS = (0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
 FINE_CHECKS = 600
-"""Finer drives and turns for a fridge, and the number of plans tested there, when none of the others is free."""
+"""Finer drives and turns to what is behind a door, and the number of plans tested there, when no other one is free."""
 FAR_BACK = 0.6
 """Distance in [m] at which the robot raises its arm when nearer the arm would touch the edge of a shelf."""
 CLOSE = 0.01
@@ -242,7 +241,7 @@ def plan_from(
 ) -> ReachPlan | None:
     """Return a plan from some standing places, or from what one turn and one drive reach, facing a point (3,).
 
-    When nothing is free, from farther. In a fridge also from finer drives and turns, then with the gripper goals
+    When nothing is free, from farther. Behind a door also from finer drives and turns, then with the gripper goals
     `others()` in addition. See `plan_reach`.
     """
     if stands is not None:
@@ -251,7 +250,7 @@ def plan_from(
     for steps in (STANDS_AHEAD, FARTHER_AHEAD):
         if not _any_free(found):
             found.append(plan_reach(query, ahead(base, point, steps, TURNS), gripper_goals, firm))
-    if query.in_fridge(point) and not _any_free(found):
+    if query.is_behind_door(point) and not _any_free(found):
         finer = list(ahead(base, point, FINE_AHEAD, FINE_TURNS))
         gripper_goals = [*gripper_goals, *others()]
         found.append(plan_reach(query, finer, gripper_goals, firm, FINE_CHECKS))

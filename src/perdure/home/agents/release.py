@@ -25,7 +25,7 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, norm
-from perdure.home.sim.simulator import ACTION_SIZE, ARM, ARM_STEP, BASE_SPEED, FORWARD, GRIP, RELEASE, TURN
+from perdure.home.sim.simulator import ARM_STEP, BASE_SPEED, RELEASE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress
 from perdure.home.tasks.tasks import AT
@@ -108,6 +108,11 @@ class HandOver:
         """See `SkillAgent.needs_scan`."""
         return self.inner.needs_scan
 
+    @property
+    def is_oracle(self) -> bool:
+        """See `SkillAgent.is_oracle`."""
+        return self.inner.is_oracle
+
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
         self._motions.pop(lane, None)
@@ -117,14 +122,14 @@ class HandOver:
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """See `SkillAgent.act`."""
-        actions = np.zeros((len(lanes), ACTION_SIZE))
+        actions = np.zeros((len(lanes), ROBOT.action_size))
         running = np.array([int(lane) in self._motions for lane in lanes])
         if not running.all():
             free = np.flatnonzero(~running)
             wanted = self.inner.act(world, lanes[free], skill, state[free], progress[free])
             for row, action in zip(map(int, free), wanted, strict=True):
                 out_of_time = progress.elapsed[row] >= skill.limit
-                if state.holds_target[row] and (action[GRIP] < 0.0 or out_of_time):
+                if state.holds_target[row] and (action[ROBOT.action.grip] < 0.0 or out_of_time):
                     view = self._views[int(lanes[row])] = HandOverView(state[row : row + 1])
                     self._motions[int(lanes[row])] = self.strategy.motion(view)
                 else:
@@ -148,8 +153,8 @@ class HandOver:
             return action
         del self._motions[lane]
         self.outcomes.append(view.outcome)
-        action = np.zeros(ACTION_SIZE)
-        action[GRIP] = RELEASE
+        action = np.zeros(ROBOT.action_size)
+        action[ROBOT.action.grip] = RELEASE
         return action
 
 
@@ -159,11 +164,11 @@ def hold_base(view: HandOverView, arm: FloatArray | None = None) -> FloatArray:
     The base needs about 0.2 s to stop from full speed, in which it rolls up to 0.17 m; M3's stops at once. So it
     drives back.
     """
-    action = np.zeros(ACTION_SIZE)
-    for part, error in zip((FORWARD, TURN), view.base_error, strict=True):
+    action = np.zeros(ROBOT.action_size)
+    for part, error in zip((ROBOT.action.forward, ROBOT.action.turn), view.base_error, strict=True):
         action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
     if arm is not None:
-        action[ARM] = np.clip(arm / ARM_STEP, -1.0, 1.0)
+        action[ROBOT.action.arm] = np.clip(arm / ARM_STEP, -1.0, 1.0)
     return action
 
 

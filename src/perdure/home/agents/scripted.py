@@ -34,9 +34,10 @@ from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import get_kind
 from perdure.home.sim.occupancy import apartment_footprints, free_space
 from perdure.home.sim.pieces import Apartment, Pose
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
-from perdure.home.sim.simulator import ACTION_SIZE, GRASP, GRASP_RADIUS, RELEASE, STOP
+from perdure.home.sim.simulator import GRASP, GRASP_RADIUS, RELEASE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS, Skill, SkillProgress
 from perdure.home.skills.articulated import Articulated
@@ -50,18 +51,18 @@ NEIGHBOR_GAP = 0.02
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """Downward angles of the gripper on open surfaces, in [rad]."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
-"""The same in a fridge."""
+"""The same behind a door, as in a fridge."""
 LIFT = 0.08
 HIGH_LIFT = 0.25
 """Heights of the pre-grasp point above the grasp point in [m]."""
 ASIDE = 0.11
 """Distance beside or above an object from which it is grasped when another one is in front of it, in [m]."""
 GRASP_BACK = 0.4
-"""Distance behind the standing place at which the arm is raised in front of a fridge, in [m]."""
+"""Distance behind the standing place at which the arm is raised in front of a door, in [m]."""
 GRASP_TURNS = (0.0, 0.5, -0.5)
 """Turns of the approach about the vertical, in [rad]."""
 INSIDE_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8)
-"""The same in a fridge, where one object may stand in front of another."""
+"""The same behind a door, where one object may stand in front of another."""
 
 
 PLACE_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8)
@@ -72,7 +73,7 @@ def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatAr
     """Return poses in which the magic grasp takes the object at a point (3,) and nothing else.
 
     The robot comes from `origin` on the floor, shape (2,). `neighbors` are the middles of other objects, and handles,
-    shape (k, 3). Inside a fridge the gripper comes from the front, not from above.
+    shape (k, 3). `inside`: whether it is behind a door, where the gripper comes from the front, not from above.
     """
     slopes = SLOPES
     turns: tuple[float, ...] = GRASP_TURNS
@@ -94,7 +95,7 @@ def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatAr
 
 
 def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) -> list[GripperGoal]:
-    """Return poses beside and above an object behind another one in a fridge; arguments as `pick_gripper_goals`."""
+    """Return poses beside and above an object that stands behind another one; arguments as `pick_gripper_goals`."""
     gripper_goals = []
     for slope, turn in product(INSIDE_SLOPES[:3], INSIDE_TURNS):
         approach = _direction(point, origin, slope, turn)
@@ -126,7 +127,7 @@ def handle_gripper_goals(point: FloatArray, origin: FloatArray, sides: Sequence[
 def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
     """Return level poses that hold the object upright, `height` in [m] above the goal of its middle, shape (3,).
 
-    The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is in a fridge.
+    The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is behind a door.
     """
     backs: tuple[float, ...] = (0.0, GRASP_BACK)
     higher: tuple[float, ...] = (0.0,)
@@ -147,7 +148,8 @@ def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float)
     return np.array([np.cos(heading) * np.cos(slope), np.sin(heading) * np.cos(slope), -np.sin(slope)])
 
 
-ATTEMPTS = 3
+GRASP_ATTEMPTS = 3
+"""How often the oracle tries to grasp an object or a handle in one skill."""
 GRASP_MARGIN = 0.002
 """Safety margin of the grasp radius in [m]: the robot still moves when its hand closes."""
 
@@ -155,7 +157,7 @@ GRASP_MARGIN = 0.002
 def pick(view: View) -> Motion:
     """Pick the target."""
     target = int(view.state.target[0])
-    for _ in range(ATTEMPTS):
+    for _ in range(GRASP_ATTEMPTS):
         yield from unjam(view)
         plan = plan_pick(CollisionQuery(view.simulator), view.state.object[0].copy(), target, view.base)
         if plan is None:
@@ -184,12 +186,12 @@ def plan_pick(
     simulator = query.simulator
     neighbors = np.concatenate([np.delete(simulator.middles, target, axis=0), simulator.handles])
     neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
-    inside = query.in_fridge(point)
+    inside = query.is_behind_door(point)
     origin = np.array([base.x, base.y])
     gripper_goals = pick_gripper_goals(point, origin, neighbors, inside)
     firm = target
     if inside:
-        firm = -1  # in a fridge there is but one way in, and the target may give way a little
+        firm = -1  # through a door there is but one way in, and the target may give way a little
     return plan_from(query, base, gripper_goals, point, stands, firm, lambda: goals_aside(point, origin, neighbors))
 
 
@@ -249,7 +251,7 @@ HANDLE_BACK = 0.15
 def articulate(view: View, goal: float, enough: float) -> Motion:
     """Move the skill goal's drawer or door to within `enough` of `goal`. In [m] or [rad]."""
     link = int(view.state.link[0])
-    for _ in range(ATTEMPTS):
+    for _ in range(GRASP_ATTEMPTS):
         yield from unjam(view)
         plan = plan_handle(CollisionQuery(view.simulator), link, view.base)
         if plan is None:
@@ -367,7 +369,7 @@ def plan_place(
         half = get_kind(query.simulator.scene.placements[held].kind).half[2]
     height = max(HEIGHT, PALM - half)
     origin = np.array([base.x, base.y])
-    gripper_goals = place_gripper_goals(goal, origin, height, query.in_fridge(goal))
+    gripper_goals = place_gripper_goals(goal, origin, height, query.is_behind_door(goal))
     return plan_from(query, base, gripper_goals, goal, stands)
 
 
@@ -462,6 +464,7 @@ class Oracle(SkillAgent):
     """Sense, plan, act with full knowledge of the world: geodesic paths and inverse kinematics."""
 
     needs_scan = False
+    is_oracle = True
 
     def __init__(self) -> None:
         """Start without plans; a plan is made when a skill begins."""
@@ -476,14 +479,14 @@ class Oracle(SkillAgent):
         self, world: VectorSimulator, lanes: IntArray, skill: Skill, state: PrivilegedState, progress: SkillProgress
     ) -> FloatArray:
         """See `SkillAgent.act`. After the end of a motion the robot stands still, or signals "stop"."""
-        actions = np.zeros((len(lanes), ACTION_SIZE))
+        actions = np.zeros((len(lanes), ROBOT.action_size))
         for row, lane in enumerate(lanes.tolist()):
             view, motion = self._running[lane]
             view.state = state[row : row + 1]
             action = next(motion, None)
             if action is not None:
                 actions[row] = action
-                actions[row, STOP] = -1.0  # it knows better than the map where to stop
+                actions[row, ROBOT.action.stop] = -1.0  # it knows better than the map where to stop
             elif skill.name == Verb.NAVIGATE:
-                actions[row, STOP] = 1.0
+                actions[row, ROBOT.action.stop] = 1.0
         return actions

@@ -28,6 +28,7 @@ from perdure.home.evaluate.outcomes import (
 from perdure.home.evaluate.policies import ReleaseChoice, read_release
 from perdure.home.evaluate.strategy import COLUMNS, Strategy
 from perdure.home.sim.objects import short_name
+from perdure.home.tasks.planners import OpenLoop
 from perdure.home.tasks.tasks import PAST, STAGES, Stage, get_task
 from perdure.report import charts
 from perdure.report.charts import Marker, slug
@@ -70,7 +71,8 @@ def ordered(strategies: Iterable[Strategy]) -> list[Strategy]:
     def rank(strategy: Strategy) -> tuple[Any, ...]:
         choice = known_release(strategy.place)
         release = (math.inf, 0) if choice is None else choice.rank
-        setting = (strategy.world, strategy.planner != "open", strategy.fallback == "none")
+        planner = (strategy.planner != OpenLoop.name, strategy.planner)
+        setting = (strategy.world, *planner, strategy.fallback == "none")
         return *setting, *release, strategy.place, strategy.label
 
     return sorted(set(strategies), key=rank)

@@ -23,14 +23,15 @@ from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import CONTAINERS, LINK_CONTAINERS
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, SERVO_HZ, Scene, SceneOptions
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, norm
-from perdure.home.sim.simulator import ACTION_SIZE, Simulator
+from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
-from perdure.home.tasks.planners import PLANNERS, FallbackName, Planner, PlannerName, needed_skills
+from perdure.home.tasks.planners import FallbackName, OpenLoop, Planner, find_planner, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
 OVERTIME = 150
@@ -50,18 +51,20 @@ class ExecutorOptions:
     scene: SceneOptions = field(default_factory=SceneOptions)
     settle_steps: int = SETTLE_STEPS
     """Control steps of the settling time, 1 or more."""
-    planner: PlannerName = "open"
-    """"open": the task's plan, whatever happens. "closed": planned again after each skill and after settling."""
+    planner: str = OpenLoop.name
+    """A name of `Planner`."""
     fallback: FallbackName = "oracle"
-    """Of the closed loop: "oracle" takes over a skill that failed often; "none": its target is given up at last."""
+    """Of planners that have one. "oracle" takes over a skill that failed often; "none": its target is given up."""
 
     def __post_init__(self) -> None:
         """Refuse unknown names, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
-        lookup(PLANNERS, self.planner, "planner")
+        planner = find_planner(self.planner)
         lookup(dict.fromkeys(get_args(FallbackName)), self.fallback, "fallback")
-        if self.fallback != "oracle" and self.planner == "open":
+        if self.fallback != "oracle" and not planner.has_fallback:
+            having = ", ".join(name for name, kind in Planner.kinds().items() if kind.has_fallback)
             raise PerdureError(
-                f"fallback {self.fallback} needs planner closed: with planner open the oracle never takes over"
+                f"fallback {self.fallback} needs another planner ({having}): with planner {self.planner} the oracle "
+                "never takes over"
             )
         least = {"lanes": (self.lanes, 1), "threads": (self.threads, 1), "settle_steps": (self.settle_steps, 1)}
         for name, (value, low) in {**least, "physics_hz": (self.scene.physics_hz, SERVO_HZ)}.items():
@@ -287,7 +290,7 @@ class Executor:
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
         world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
-        planner = PLANNERS[self._options.planner](episode, self._options.fallback)
+        planner = find_planner(self._options.planner)(episode, self._options.fallback)
         each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene))
         each.current = planner.next(each.facts(world, lane))
         return each
@@ -339,7 +342,7 @@ class Executor:
         known = world.sense(lanes, scan_reach, neighbors)
 
         # Act. A lane in its settling time stands still.
-        actions = np.zeros((world.num_lanes, ACTION_SIZE))
+        actions = np.zeros((world.num_lanes, ROBOT.action_size))
         speed = np.ones(world.num_lanes)
         arm_step = np.zeros(world.num_lanes)
         for name, group in groups.items():
@@ -416,9 +419,7 @@ class Executor:
             succeeded = bool(success[row] and not state.diverged[row])
             if not succeeded:
                 each.stood[step.toward or step.skill, step.target].append(state.base[row, :2].copy())
-            agent = self._agents[name]
-            scripted = step.scripted or isinstance(getattr(agent, "inner", agent), Oracle)
-            what = (step.skill, step.target, step.attempt, step.toward or "", scripted)
+            what = (step.skill, step.target, step.attempt, step.toward or "", self._agents[name].is_oracle)
             each.recorder.ended.append(SkillRun(*what, each.began, each.step, ending, succeeded, forced))
 
             # Ask the planner what is next.

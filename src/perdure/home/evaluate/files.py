@@ -25,7 +25,7 @@ from perdure.home.evaluate.log import Column, EpisodeLog, Event
 from perdure.home.evaluate.strategy import strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.scene import SceneOptions
-from perdure.home.tasks.planners import FallbackName, PlannerName
+from perdure.home.tasks.planners import FallbackName, OpenLoop
 from perdure.runs import write_atomic
 from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
 
@@ -52,7 +52,7 @@ class OldOptions:
     """What the note `protocol` of version 4 says of options."""
 
     scene: SceneOptions = field(default_factory=SceneOptions)
-    planner: PlannerName = "open"
+    planner: str = OpenLoop.name
     fallback: FallbackName = "oracle"
 
 

@@ -125,9 +125,9 @@ class ContainerPosition:
 class Event:
     """The inputs of the stages' conditions, from this step to the next event.
 
-    An event is due at step 0 and whenever `held`, a member of `in_goal`, or one of these changes: drawer at or above
-    0.4 m, at or below 0.1 m; fridge at or above 1.42 rad, at or below 0.15 rad; any other container at its own limits.
-    A grasp is an event at which `held` becomes a target, a release one at which it ceases to be it.
+    An event is due at step 0 and whenever `held`, a member of `in_goal`, or whether a container counts as open or as
+    closed changes (`data/furniture.json` has the limits of each). A grasp is an event at which `held` becomes a target,
+    a release one at which it ceases to be it.
     """
 
     step: Annotated[int, Column("first step of this state", _STEP)]

@@ -183,7 +183,7 @@ def blamed(log: EpisodeLog, stage: int) -> Predicate | None:
 
     Looked at are the steps from the begin of the stage's own skill (and from the stage before it) to the end of the
     episode: at the last one of those at which most conditions hold, the first that does not, objects in their order
-    first, then drawer and fridge, then the hand. None when the stage's own skill never ended, or began only when the
+    first, then containers, then the hand. None when the stage's own skill never ended, or began only when the
     episode was over.
     """
     wanted = log.home_task.stages[stage]

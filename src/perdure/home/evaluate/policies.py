@@ -16,9 +16,9 @@ from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.place import VARIANTS, variant_options
-from perdure.home.tasks.planners import PlannerName, needed_skills
+from perdure.home.tasks.planners import OpenLoop, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
-from perdure.horizon import Clock, parse_clock
+from perdure.horizon import Clock, Constant, parse_clock
 from perdure.policy import Policy, files, load_policy
 from perdure.report import wording
 from perdure.runs import file_digest
@@ -63,9 +63,9 @@ class ReleaseChoice:
         return f"place-{self.trained}" if self.trained else "place"
 
     @property
-    def clock(self) -> str:
-        """What sets its time-to-go input, as `SkillPolicy.source` has it: "@constant:50", or ""."""
-        return "" if self.steps is None else f"@constant:{self.steps}"
+    def clock(self) -> Clock | None:
+        """What sets its time-to-go input; None where that counts down, and where there is no such input."""
+        return None if self.steps is None else Constant(float(self.steps))
 
     @property
     def flags(self) -> str:
@@ -119,51 +119,59 @@ def read_release(text: str) -> ReleaseChoice:
 class SkillPolicy:
     """What acts in one skill."""
 
-    source: str
-    """Path of the policy's file, or "oracle"; `@constant:50` and the like at its end name the clock."""
+    path: Path | None = None
+    """The policy's file; None for the oracle."""
     sha256: str = ""
     """Of the file; empty for the oracle."""
+    clock: Clock | None = None
+    """The clock of its time-to-go input; None where none is named."""
 
     @property
     def learned(self) -> bool:
         """Whether it is a policy, not the oracle."""
-        return self.source != ORACLE
+        return self.path is not None
 
     @property
     def policy(self) -> Policy | None:
         """The policy, loaded once in a process; None for the oracle. PerdureError if its file has changed."""
-        return _load(_split(self.source)[0], self.sha256) if self.learned else None
+        return None if self.path is None else _load(self.path, self.sha256)
 
     @property
-    def clock(self) -> Clock | None:
-        """The clock of its time-to-go input; None where none is named."""
-        clock = _split(self.source)[1]
-        return parse_clock(clock[1:]) if clock else None
+    def source(self) -> str:
+        """As the command line has it: "oracle", "place.safetensors" or "place.safetensors@constant:50"."""
+        return ORACLE if self.path is None else f"{self.path}{self._clock_text}"
 
     @property
     def name(self) -> str:
         """For a reader: `oracle`, `shipped set_table/place/seed-0 (SHA-256 1e2d3fcb)`, or the file's path and hash."""
-        if not self.learned:
+        if self.path is None:
             return ORACLE
-        text, clock = _split(self.source)
-        path = Path(text)
-        where = self.source
-        if path.is_relative_to(SHIPPED):
-            where = f"shipped {path.relative_to(SHIPPED).with_suffix('')}{clock}"
-        return f"{where} (SHA-256 {self.sha256[:8]})"
+        where = str(self.path)
+        if self.path.is_relative_to(SHIPPED):
+            where = f"shipped {self.path.relative_to(SHIPPED).with_suffix('')}"
+        return f"{where}{self._clock_text} (SHA-256 {self.sha256[:8]})"
+
+    @property
+    def _clock_text(self) -> str:
+        if self.clock is None:
+            return ""
+        steps = str(float(self.clock.steps)).removesuffix(".0")
+        return f"@{self.clock.name}:{steps}"
 
 
-def _split(source: str) -> tuple[str, str]:
-    """Return the path of a source, and the clock behind it, such as "@constant:50", or ""."""
-    clock = re.search(r"@\w+:[^/]*$", source)
-    return (source, "") if clock is None else (source[: clock.start()], clock[0])
+def read_source(text: str) -> tuple[str, Clock | None]:
+    """Return the path in "place.safetensors@constant:50" and the clock; PerdureError if there is no such clock."""
+    clock = re.search(r"@(\w+:[^/]*)$", text)
+    if clock is None:
+        return text, None
+    return text[: clock.start()], parse_clock(clock[1])
 
 
 @lru_cache(maxsize=64)
-def _load(source: str, sha256: str) -> Policy:
-    if file_digest(Path(source)) != sha256:
-        raise PerdureError(f"{source} has changed since this run began")
-    return load_policy(source)
+def _load(path: Path, sha256: str) -> Policy:
+    if file_digest(path) != sha256:
+        raise PerdureError(f"{path} has changed since this run began")
+    return load_policy(path)
 
 
 def shipped_seeds(task: str, policy: str) -> dict[int, Path]:
@@ -178,7 +186,7 @@ def choose_policies(
     train_seed: int,
     chosen: Mapping[str, str] | None = None,
     release: ReleaseChoice | None = None,
-    planner: PlannerName = "open",
+    planner: str = OpenLoop.name,
 ) -> dict[SkillName, SkillPolicy]:
     """Return the policy of each skill that a planner may choose in a task.
 
@@ -188,7 +196,7 @@ def choose_policies(
         chosen: Skill to `SkillPolicy.source`; skills that are not named get the shipped policy, or the oracle without
             one.
         release: The release choice, which decides the place policy; the benchmark's when None.
-        planner: The planner.
+        planner: Name of the planner.
 
     Raises:
         PerdureError: If a skill is unknown or scripted, a file is given for a skill that the task never uses, a file is
@@ -205,7 +213,7 @@ def choose_policies(
         # Only place knows of the release: every other skill has the benchmark's policy.
         asked = release if skill == "place" else ReleaseChoice("rl")
         if chosen.get(skill) == ORACLE:
-            result[skill] = SkillPolicy(ORACLE)
+            result[skill] = SkillPolicy()
         elif skill in chosen:
             result[skill] = _given_policy(skill, chosen[skill], train_seed, asked)
         else:
@@ -230,14 +238,14 @@ def _shipped_policy(task: str, skill: SkillName, train_seed: int, release: Relea
     path = seeds.get(train_seed)
     if path is None:
         if (not seeds or train_seed == UNTRAINED) and name in ("place", skill):
-            return SkillPolicy(ORACLE)
+            return SkillPolicy()
         flags = f"--task {LEARNED_ON.get(skill, task)} {release.flags}--seeds {train_seed}"
         raise PerdureError(
             f"no policy of training seed {train_seed} is shipped for {name} on {task} (there are {len(seeds)}): train "
             f"one (perdure home train {skill} {flags}) and name it: --policies {skill}=FILE, where {{seed}} stands for "
             "the seed"
         )
-    found = SkillPolicy(f"{path}{release.clock}", file_digest(path))
+    found = SkillPolicy(path, file_digest(path), release.clock)
     if release.trained in TIMED:
         _check_fits(skill, path, found, release)
     return found
@@ -245,11 +253,11 @@ def _shipped_policy(task: str, skill: SkillName, train_seed: int, release: Relea
 
 def _given_policy(skill: SkillName, source: str, train_seed: int, release: ReleaseChoice) -> SkillPolicy:
     """Return the policy of a file that was named for a skill, read and checked."""
-    text, clock = _split(source)
+    text, clock = read_source(source)
     path = Path(text.replace("{seed}", str(train_seed)))
     if not path.exists():
         raise PerdureError(f"there is no policy {path} for {skill}")
-    found = SkillPolicy(f"{path}{release.clock or clock}", file_digest(path))
+    found = SkillPolicy(path, file_digest(path), release.clock or clock)
     _check_fits(skill, path, found, release)
     return found
 

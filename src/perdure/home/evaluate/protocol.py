@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,19 @@ from perdure.home.agents.release import HandOver
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
-from perdure.home.evaluate.policies import ReleaseChoice, SkillPolicy, choose_policies, make_agents, read_release
+from perdure.home.evaluate.policies import (
+    ORACLE,
+    ReleaseChoice,
+    SkillPolicy,
+    choose_policies,
+    make_agents,
+    read_release,
+)
 from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.planners import needed_skills
+from perdure.home.tasks.planners import OpenLoop, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.runs import Observer, Store, Unit, Work, run_missing, versions
 from perdure.schema import read_json
@@ -61,7 +69,7 @@ class EvaluationProtocol:
                 raise PerdureError(f"{name} must be 1 or more, not {value}")
         _ = self.release
 
-    @property
+    @cached_property
     def release(self) -> ReleaseChoice:
         """The meaning of `place`."""
         return read_release(self.place)
@@ -75,7 +83,7 @@ class EvaluationProtocol:
     def folder(self) -> str:
         """Where the store keeps all of it, such as `set_table/val/ik` or `set_table/val/rl-drag-closed-no-fallback`."""
         words = [self.place, *self.options.scene.words]
-        if self.options.planner != "open":
+        if self.options.planner != OpenLoop.name:
             words.append(self.options.planner)
         if self.options.fallback == "none":
             words.append("no-fallback")
@@ -198,7 +206,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
-        **({} if protocol.options.planner == "open" else {"planner": protocol.options.planner}),
+        **({} if protocol.options.planner == OpenLoop.name else {"planner": protocol.options.planner}),
         **({} if protocol.options.fallback == "oracle" else {"fallback": protocol.options.fallback}),
         **versions("mujoco"),
     }
@@ -206,7 +214,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
 
 def _digests(policies: Policies) -> dict[SkillName, str]:
     return {
-        skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or each.source
+        skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or ORACLE
         for skill, each in policies.items()
     }
 

@@ -1,6 +1,7 @@
 """What was run: release strategy, world, planner and fallback, as logs and tables keep them, and the words for them.
 
-Each is a column of its own. Nothing reads the words back. `comparison.describe` has what a release strategy does.
+Each is a column of its own. `place`, `planner` and `fallback` are names, as the command line has them. `world` holds
+words, which nothing parses. `comparison.describe` has what a release strategy does.
 """
 
 from __future__ import annotations
@@ -8,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from perdure.home.sim.scene import WorldOptions
-from perdure.home.tasks.planners import FallbackName, PlannerName
+from perdure.home.tasks.planners import FallbackName, OpenLoop, Planner, find_planner
 
 WORLDS = {"drag": "drag only", "hull-apple": "apple a convex hull"}
 """Word of `WorldOptions.words` to what a reader sees; the others are read as they are, without hyphens."""
-PLANNERS = {"open": "", "closed": "planned again after each skill"}
 FALLBACKS = {"oracle": "", "none": "without fallback"}
-"""Words of the closed loop; the open loop has no fallback."""
+"""Words of planners that have a fallback."""
 
 
 @dataclass(frozen=True, order=True)
@@ -25,9 +25,10 @@ class Strategy:
     """Release strategy, see `read_release`."""
     world: str = ""
     """Options that differ from the usual world, in words: "drag only"."""
-    planner: str = "open"
+    planner: str = OpenLoop.name
+    """A name of `Planner`, or another simulator's."""
     fallback: str = "none"
-    """Of the closed loop: "oracle" or "none"."""
+    """"oracle" or "none"; "none" for planners that have no fallback."""
     label: str = ""
     """What `perdure home analyze --names` calls the log files."""
 
@@ -35,15 +36,17 @@ class Strategy:
     def name(self) -> str:
         """Its short name in tables: "ik, drag only, closed, without fallback"."""
         parts = [self.place, self.world]
-        if self.planner != "open":
+        if self.planner != OpenLoop.name:
             parts += [self.planner, FALLBACKS.get(self.fallback, self.fallback)]
         return ", ".join(filter(None, [*parts, self.label]))
 
     @property
     def setting(self) -> str:
         """World, planner and fallback in words; "" where all are the usual ones."""
-        parts = [self.world, PLANNERS.get(self.planner, self.planner)]
-        if self.planner != "open":
+        parts = [self.world]
+        if self.planner != OpenLoop.name:
+            kind = Planner.kinds().get(self.planner)
+            parts.append(self.planner if kind is None else kind.words)
             parts.append(FALLBACKS.get(self.fallback, self.fallback))
         return ", ".join(filter(None, parts))
 
@@ -52,7 +55,7 @@ COLUMNS = tuple(each.name for each in fields(Strategy))
 """Columns of tables that say what was run."""
 
 
-def strategy_of(place: str, world: WorldOptions, planner: PlannerName, fallback: FallbackName) -> Strategy:
-    """Return the strategy of a run from its options. With the open loop nothing falls back on the oracle."""
+def strategy_of(place: str, world: WorldOptions, planner: str, fallback: FallbackName) -> Strategy:
+    """Return the strategy of a run from its options; PerdureError if there is no such planner."""
     words = ", ".join(WORLDS.get(word, word.replace("-", " ")) for word in world.words)
-    return Strategy(place, words, planner, "none" if planner == "open" else fallback)
+    return Strategy(place, words, planner, fallback if find_planner(planner).has_fallback else "none")

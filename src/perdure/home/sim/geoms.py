@@ -11,11 +11,10 @@ ONLY_COLLIDES = 3
 HIDDEN = 4
 """Geom groups. A wall collides and is seen, too; hidden are handles and the robot's bumper."""
 ROBOT_BIT = 1
-HAND_BIT = 2
 BUMPER_BIT = 4
 OBJECT_BIT = 8
-"""Collision bits: robot against room; hand against the robot's body; base bumper against furniture; object against
-object, also while the objects ignore the robot."""
+"""Collision bits: robot against room; base bumper against furniture; object against object, also while the objects
+ignore the robot. Bit 2 is the robot's own, hand against body (`data/fetch.xml`)."""
 FRICTION = (0.2, 0.005, 0.0001)
 """Friction of furniture and robot: low, because MuJoCo takes the larger one of a pair and the object's is to decide."""
 

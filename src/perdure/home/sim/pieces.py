@@ -33,8 +33,8 @@ from perdure.errors import lookup
 from perdure.home.sim.arrays import FloatArray, Vec3
 from perdure.schema import Record, read_json
 
-FRIDGE_DOOR = "top_door"
-"""Link name of the fridge's upper door, the only one that opens."""
+INSIDE_MARGIN = 0.1
+"""Distance in [m] beside and below a receptacle at which an object still lies in its container."""
 Role = Literal["solid", "look", "hull"]
 """solid: collides and is seen; look: is seen only; hull: collides only."""
 
@@ -226,6 +226,24 @@ class Apartment:
         """Return the drawer or door in front of receptacle `piece|name`: a link name, None when it is in the open."""
         receptacle = self.receptacle(unique_name)
         return receptacle.link or BEHIND_DOORS.get(receptacle.name)
+
+    def is_inside(self, receptacle: Receptacle, point: FloatArray, opened: Mapping[str, float]) -> bool:
+        """Return whether a point of the room is in the drawer, or behind the door, that a receptacle belongs to.
+
+        Args:
+            receptacle: A receptacle in a container of this apartment.
+            point: Shape (3,).
+            opened: Joint positions by link name, 0 where not given.
+        """
+        pose = self.piece(receptacle.piece).pose
+        away = pose.to_local(point) - pose.to_local(self.surface_to_room(receptacle, np.zeros(2), opened))
+        level = receptacle.link is None or -INSIDE_MARGIN < away[2] < receptacle.headroom  # any shelf behind a door
+        return bool(level and (np.abs(away[:2]) < np.asarray(receptacle.half) + INSIDE_MARGIN).all())
+
+    def is_behind_door(self, point: FloatArray) -> bool:
+        """Return whether a point of the room, shape (3,), is in a container with a door: it opens only to the front."""
+        behind = [each for each in self.receptacles if each.name in BEHIND_DOORS]
+        return any(self.is_inside(each, point, {}) for each in behind)
 
     def surface_to_room(
         self, receptacle: Receptacle, uv: FloatArray, opened: Mapping[str, float] | None = None

@@ -17,13 +17,6 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, HABITAT_DRAG, NEARBY_LASTS, Scene
 
-ACTION_SIZE = ROBOT.action_size
-FORWARD = ROBOT.action.forward
-TURN = ROBOT.action.turn
-ARM = ROBOT.action.arm
-GRIP = ROBOT.action.grip
-STOP = ROBOT.action.stop
-"""Columns of an action, numbers from -1 to 1: base forward, base turn, the joints of the arm, gripper, "stop"."""
 STOP_LEVEL = 0.9
 """Above it a robot says that it has arrived, and the base stops; below 0 it denies it, 0 leaves it to the map (our
 choice; M3 has a discrete action for it)."""

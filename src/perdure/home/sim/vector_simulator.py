@@ -17,18 +17,7 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ, Scene
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal, read_state
-from perdure.home.sim.simulator import (
-    ACTION_SIZE,
-    ARM,
-    ARM_STEP,
-    BASE_SPEED,
-    FORWARD,
-    GRIP,
-    STOP,
-    STOP_LEVEL,
-    TURN,
-    Simulator,
-)
+from perdure.home.sim.simulator import ARM_STEP, BASE_SPEED, STOP_LEVEL, Simulator
 
 MAX_IDLE = 512
 """Simulators kept for scenes that were left, about a megabyte each; the last ones that were left stay."""
@@ -198,8 +187,8 @@ class VectorSimulator:
 
     def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
         actions = np.asarray(actions, dtype=np.float64)
-        if actions.shape != (len(chosen), ACTION_SIZE):
-            raise PerdureError(f"actions have shape {actions.shape}; it must be {(len(chosen), ACTION_SIZE)}")
+        if actions.shape != (len(chosen), ROBOT.action_size):
+            raise PerdureError(f"actions have shape {actions.shape}; it must be {(len(chosen), ROBOT.action_size)}")
         if not np.isfinite(actions).all():
             raise PerdureError(
                 f"actions must be finite; those of lanes {chosen[~np.isfinite(actions).all(axis=1)]} are not"
@@ -208,14 +197,15 @@ class VectorSimulator:
 
     def _command(self, chosen: IntArray, actions: FloatArray, speed: FloatArray, arm_step: FloatArray) -> None:
         arm_target = self._known["arm_target"]
-        target = np.clip(arm_target[chosen] + arm_step[:, None] * actions[:, ARM], ROBOT.arm_low, ROBOT.arm_high)
+        target = arm_target[chosen] + arm_step[:, None] * actions[:, ROBOT.action.arm]
+        target = np.clip(target, ROBOT.arm_low, ROBOT.arm_high)
         arm_target[chosen] = target
-        grip = actions[:, GRIP]
-        stopped = actions[:, STOP] > STOP_LEVEL
+        grip = actions[:, ROBOT.action.grip]
+        stopped = actions[:, ROBOT.action.stop] > STOP_LEVEL
         self._known["stopped"][chosen] = stopped
         speed = np.where(stopped, 0.0, speed)
-        forward = actions[:, FORWARD] * speed
-        turning = actions[:, TURN] * speed
+        forward = actions[:, ROBOT.action.forward] * speed
+        turning = actions[:, ROBOT.action.turn] * speed
         for row, number in enumerate(chosen):
             simulator = self.simulator(number)
             if grip[row] > 0.0:

@@ -105,9 +105,9 @@ class Articulated(Skill):
         """Return the length of the gripper point's way to the handle in [m]. Shape (n,)."""
         return norm(state.handle - state.gripper)
 
-    def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
-        """See `Skill.observation_terms`."""
-        joint = obs.ObservationTerm(
+    def observation_blocks(self) -> tuple[obs.ObservationBlock, ...]:
+        """See `Skill.observation_blocks`."""
+        joint = obs.ObservationBlock(
             JOINT,
             lambda state, _: [
                 self.wanted - state.link_position,
@@ -115,7 +115,7 @@ class Articulated(Skill):
                 holds_handle(state).astype(float),
             ],
         )
-        face = obs.ObservationTerm(FACE, lambda state, _: [obs.facing(state, self.front(state))])
+        face = obs.ObservationBlock(FACE, lambda state, _: [obs.facing(state, self.front(state))])
         return (obs.PROPRIOCEPTION, obs.CLOSENESS, HANDLE, joint, *((face,) if self.knows_front else ()))
 
     def reward_terms(

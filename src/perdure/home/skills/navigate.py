@@ -17,8 +17,9 @@ from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.occupancy import Geodesic
 from perdure.home.sim.pieces import Apartment
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import SCAN_RANGE, PrivilegedState, SkillGoal
-from perdure.home.sim.simulator import ARM, FORWARD, GRIP, NAVIGATION_SPEED, STOP, TURN
+from perdure.home.sim.simulator import NAVIGATION_SPEED
 from perdure.home.skills import skill as obs
 from perdure.home.skills.registry import get_skill
 from perdure.home.skills.skill import Recipe, Skill, SkillProgress
@@ -51,7 +52,7 @@ def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     ]
 
 
-PATH = obs.ObservationTerm(
+PATH = obs.ObservationBlock(
     (
         *obs.vector("aim_in_base", "position of the aim (the object, goal or handle to face) in the base frame", "xy"),
         obs.Element("aim_distance", "horizontal distance of the aim", "m", 0.0),
@@ -81,7 +82,7 @@ class Navigate(Skill):
     )
     failures: ClassVar = {"stopped elsewhere": "the robot stopped outside the region or did not face the aim"}
     recipe = Recipe(1_500_000)
-    active_columns = (FORWARD, TURN)
+    active_columns = (ROBOT.action.forward, ROBOT.action.turn)
     base_speed = NAVIGATION_SPEED
     scan_reach = SCAN_RANGE
 
@@ -111,9 +112,10 @@ class Navigate(Skill):
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Keep arm and gripper still, and stop on arrival if the action's stop column is 0."""
         masked = actions.copy()
-        masked[:, ARM] = 0.0
-        masked[:, GRIP] = 0.0
-        masked[:, STOP] = np.where((actions[:, STOP] == 0.0) & _arrived(state), 1.0, actions[:, STOP])
+        masked[:, ROBOT.action.arm] = 0.0
+        masked[:, ROBOT.action.grip] = 0.0
+        stop = actions[:, ROBOT.action.stop]
+        masked[:, ROBOT.action.stop] = np.where((stop == 0.0) & _arrived(state), 1.0, stop)
         return masked
 
     def skill_goal(

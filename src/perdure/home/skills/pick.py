@@ -11,7 +11,6 @@ import numpy as np
 from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import NEIGHBORHOOD, NEIGHBORS, PrivilegedState, norm, wrap
-from perdure.home.sim.simulator import ACTION_SIZE, ARM, GRIP
 from perdure.home.skills import skill as obs
 from perdure.home.skills.skill import PROPRIOCEPTION, RETRACTED, Recipe, Skill, SkillProgress
 
@@ -30,7 +29,7 @@ def _neighbors(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     return [*turned, near, lead, np.minimum(state.handle_distance, NEIGHBORHOOD)]
 
 
-CONFUSABLE = obs.ObservationTerm(
+CONFUSABLE = obs.ObservationBlock(
     (
         *(
             element
@@ -118,7 +117,8 @@ class Pick(Skill):
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Never let go (M3), and do not grasp anything but the target (our choice)."""
         masked = actions.copy()
-        masked[:, GRIP] = np.where(state.grasp_is_right, np.maximum(masked[:, GRIP], 0.0), 0.0)
+        grip = np.maximum(actions[:, ROBOT.action.grip], 0.0)
+        masked[:, ROBOT.action.grip] = np.where(state.grasp_is_right, grip, 0.0)
         return masked
 
     def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
@@ -149,8 +149,8 @@ class ResetArm(Skill):
 
     def act(self, state: PrivilegedState) -> FloatArray:
         """Return actions that move every joint straight to rest, at most 0.1 rad in a step. Shape (n, action size)."""
-        actions = np.zeros((len(state), ACTION_SIZE))
-        actions[:, ARM] = np.clip(rest_error(state.arm_target) / FASTEST, -1.0, 1.0)
+        actions = np.zeros((len(state), ROBOT.action_size))
+        actions[:, ROBOT.action.arm] = np.clip(rest_error(state.arm_target) / FASTEST, -1.0, 1.0)
         return actions
 
 

@@ -13,9 +13,10 @@ from perdure.errors import PerdureError
 from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.kinematics import toward
 from perdure.home.sim.objects import Placement
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, norm
-from perdure.home.sim.simulator import ARM_STEP, GRIP
+from perdure.home.sim.simulator import ARM_STEP
 from perdure.home.skills import skill as obs
 from perdure.home.skills.skill import RETRACTED, Recipe, Skill, SkillProgress
 from perdure.home.tasks.episodes import Episode
@@ -35,7 +36,7 @@ rest 6 mm forward, 13 mm sideways, 8 mm downward."""
 GENTLE_LOG_STD = -3.0
 """The noise at the end of a training with `gentle`: at e^-3 98 % of all steps rest in the dead zone, at e^-2 6 %."""
 
-CARRIED = obs.ObservationTerm(
+CARRIED = obs.ObservationBlock(
     (
         *obs.vector("object_from_goal", "vector from the goal to the object"),
         obs.Element("goal_distance", "d_o^g: length of that vector", "m", 0.0),
@@ -138,11 +139,11 @@ class Place(Skill):
             return usual
         return replace(usual, settings={**usual.settings, "log_std_end": GENTLE_LOG_STD})
 
-    def observation_terms(self) -> tuple[obs.ObservationTerm, ...]:
-        """See `Skill.observation_terms`."""
+    def observation_blocks(self) -> tuple[obs.ObservationBlock, ...]:
+        """See `Skill.observation_blocks`."""
         if self.delta == 1:
             return self.observation
-        lasting = obs.ObservationTerm((LASTING,), lambda _, now: [np.minimum(now.lasting / self.delta, 1.0)])
+        lasting = obs.ObservationBlock((LASTING,), lambda _, now: [np.minimum(now.lasting / self.delta, 1.0)])
         return (*self.observation, lasting)
 
     def reward_terms(
@@ -192,7 +193,7 @@ class Place(Skill):
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Never grasp."""
         masked = actions.copy()
-        masked[:, GRIP] = np.minimum(masked[:, GRIP], 0.0)
+        masked[:, ROBOT.action.grip] = np.minimum(masked[:, ROBOT.action.grip], 0.0)
         return masked
 
     def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:

@@ -18,7 +18,7 @@ from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.sensors import BEAMS, SCAN_RANGE, PrivilegedState, SkillGoal, norm, wrap
-from perdure.home.sim.simulator import ACTION_SIZE, ARM_STEP, BASE_SPEED, GRIP
+from perdure.home.sim.simulator import ARM_STEP, BASE_SPEED
 from perdure.home.skills import starts
 from perdure.home.skills.starts import Aim
 from perdure.home.tasks.episodes import Episode
@@ -80,7 +80,7 @@ class Recipe:
 
 SECTORS = BEAMS // 2
 SECTOR_DEPTH = 1.0
-"""Range of the closeness term in [m], measured from the base's rim (our choice)."""
+"""Range of the closeness block in [m], measured from the base's rim (our choice)."""
 CONTACT_SCALE = 20.0
 """Scale of the contact force in its logarithm in [N] (our choice)."""
 
@@ -97,7 +97,7 @@ class Element:
 
 
 @dataclass(frozen=True)
-class ObservationTerm:
+class ObservationBlock:
     """A block of consecutive numbers of an observation."""
 
     elements: tuple[Element, ...]
@@ -116,8 +116,8 @@ def vector(name: str, meaning: str, axes: str = "xyz", unit: str = "m", bound: f
     return tuple(Element(f"{name}_{axis}", f"{meaning}, {axis}", unit, -bound, bound) for axis in axes)
 
 
-def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -> ObservationTerm:
-    """Return the term of a point of the room: relative to the gripper point, then in the base frame.
+def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -> ObservationBlock:
+    """Return the block of a point of the room: relative to the gripper point, then in the base frame.
 
     `name` is the prefix of the six elements, `what` the point in words; `read` returns the points in the room, (n, 3).
     """
@@ -125,11 +125,11 @@ def point(name: str, what: str, read: Callable[[PrivilegedState], FloatArray]) -
         *vector(f"{name}_from_gripper", f"vector from the gripper point to {what}"),
         *vector(f"{name}_in_base", f"position of {what} in the base frame"),
     )
-    return ObservationTerm(elements, lambda state, _: _point(state, read(state)))
+    return ObservationBlock(elements, lambda state, _: _point(state, read(state)))
 
 
-def reaching(force_limit: float) -> ObservationTerm:
-    """Return the term for reaching into furniture: contact forces, and the side on which the furniture is open.
+def reaching(force_limit: float) -> ObservationBlock:
+    """Return the block for reaching into furniture: contact forces, and the side on which the furniture is open.
 
     `force_limit` is the sum of force increases in [N] that ends the skill.
     """
@@ -138,7 +138,7 @@ def reaching(force_limit: float) -> ObservationTerm:
         Element("force_sum", "sum of force increases divided by the limit at which the skill fails", "1", 0.0, 1.0),
         *vector("front", "direction in which the furniture faces", "xy", "1", 1.0),
     )
-    return ObservationTerm(
+    return ObservationBlock(
         elements,
         lambda state, progress: [
             np.log1p(state.contact_force / CONTACT_SCALE),
@@ -196,7 +196,7 @@ def _closeness(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
     return [np.clip(1.0 - (nearest - ROBOT.base_radius) / SECTOR_DEPTH, 0.0, 1.0)]
 
 
-PROPRIOCEPTION = ObservationTerm(
+PROPRIOCEPTION = ObservationBlock(
     (
         *(Element(name, f"angle of {name}", "rad", -np.pi, np.pi) for name in ROBOT.arm_names),
         *(Element(f"{name}_lag", f"servo target minus angle of {name}", "rad") for name in ROBOT.arm_names),
@@ -210,7 +210,7 @@ PROPRIOCEPTION = ObservationTerm(
     _proprioception,
 )
 """Arm, gripper and base as the robot's own encoders measure them: 26 numbers."""
-CLOSENESS = ObservationTerm(
+CLOSENESS = ObservationBlock(
     tuple(
         Element(
             f"close_{k:02d}",
@@ -224,7 +224,7 @@ CLOSENESS = ObservationTerm(
     ),
     _closeness,
 )
-SCAN = ObservationTerm(
+SCAN = ObservationBlock(
     tuple(
         Element(
             f"scan_{k:02d}",
@@ -237,7 +237,7 @@ SCAN = ObservationTerm(
     ),
     lambda state, _: [state.scan],
 )
-HOLDING = ObservationTerm((flag("holding", "something is held"),), lambda state, _: [(state.held >= 0).astype(float)])
+HOLDING = ObservationBlock((flag("holding", "something is held"),), lambda state, _: [(state.held >= 0).astype(float)])
 
 
 SUCCESS_REWARD = 2.5
@@ -260,7 +260,7 @@ class Skill(ABC):
     name: ClassVar[str]
     step_limit: ClassVar[int] = 200
     """Control steps (30 per second) after which the skill is stopped, as in M3's composite tasks."""
-    observation: ClassVar[tuple[ObservationTerm, ...]]
+    observation: ClassVar[tuple[ObservationBlock, ...]]
     """The parts of an observation."""
     rewards: ClassVar[Mapping[str, str]] = {}
     """What each term of `reward_terms` pays, in words."""
@@ -277,7 +277,7 @@ class Skill(ABC):
     task_recipes: ClassVar[Mapping[str, Recipe]] = {}
     """Other recipes, by task."""
 
-    active_columns: ClassVar[tuple[int, ...]] = tuple(range(GRIP + 1))
+    active_columns: ClassVar[tuple[int, ...]] = tuple(range(ROBOT.action.grip + 1))
     """The columns of the robot's action that a policy sets; the others are 0."""
     grip_text: ClassVar[str] = "above 0: grasp the nearest object or handle, below 0: let go"
     """What the grip action does."""
@@ -311,14 +311,14 @@ class Skill(ABC):
         """Return the control steps after which the skill is stopped."""
         return self.step_limit
 
-    def observation_terms(self) -> tuple[ObservationTerm, ...]:
+    def observation_blocks(self) -> tuple[ObservationBlock, ...]:
         """Return the parts of an observation."""
         return self.observation
 
     @property
     def elements(self) -> tuple[Element, ...]:
         """Return the documentation of every number of an observation, in order."""
-        return tuple(element for term in self.observation_terms() for element in term.elements)
+        return tuple(element for block in self.observation_blocks() for element in block.elements)
 
     @property
     def action_size(self) -> int:
@@ -369,7 +369,7 @@ class Skill(ABC):
 
         Shape (n, m) -> (n, action size).
         """
-        full = np.zeros((len(actions), ACTION_SIZE))
+        full = np.zeros((len(actions), ROBOT.action_size))
         full[:, list(self.active_columns)] = actions
         return full
 
@@ -463,8 +463,8 @@ class Skill(ABC):
     def observe(self, state: PrivilegedState, progress: SkillProgress) -> FloatArray:
         """Return observations. Shape (n, len(elements))."""
         columns = []
-        for term in self.observation_terms():
-            for values in term.read(state, progress):
+        for block in self.observation_blocks():
+            for values in block.read(state, progress):
                 if values.ndim == 1:
                     columns.append(values[:, None])
                 else:

@@ -30,7 +30,7 @@ TYPES = {
     "holder": "landmark",
     **dict.fromkeys(CONTAINERS, "holder"),
 }
-PREDICATES = {
+PDDL_PREDICATES = {
     "turn": (("?t", "target"),),
     "next": (("?t", "target"), ("?u", "target")),  # after ?t comes ?u
     "concerns": (("?l", "landmark"), ("?t", "target")),  # handling ?t may lead to ?l: itself, its goal, its containers
@@ -104,6 +104,6 @@ HOME = Domain(
     "home",
     types=TYPES,
     constants=((ELSEWHERE, "landmark"), (IN_THE_OPEN, "holder")),
-    predicates=PREDICATES,
+    predicates=PDDL_PREDICATES,
     actions=(NAVIGATE, PICK, PLACE, *_DOORS, TURN),
 )

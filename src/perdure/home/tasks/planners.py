@@ -1,25 +1,29 @@
 """Planners: which skill is next in an episode.
 
+`Planner` is a vocabulary (`perdure.registry`): `perdure home run --planner NAME` finds each of its classes.
+
 Open loop: the task's plan, whatever happens. Closed loop: after each skill the symbolic state is read and the rest is
 planned again in the same PDDL domain. It reads four things that a robot would have to perceive: where the targets are
 (in their goals, in a container, elsewhere), how far each container is open, what the hand holds, and whether the
 last skill succeeded. The simulator tells them without error.
 
-A learned retry begins at another cell of the region of navigation; after `LEARNED` failures the skill is scripted,
-unless the fallback is "none". Every skill has `ATTEMPTS` attempts with a target, the last one scripted, so no recovery
-goes on for ever; then the target is given up and the others are brought. The end of the plan is not the end: whoever
-asks again later is told what has rolled away since.
+A learned retry begins at another cell of the region of navigation. With the fallback "oracle" the skill is scripted
+after `LEARNED` failures, and so is its last attempt; with "none" it never is. Every skill has `ATTEMPTS` attempts with
+a target, so no recovery goes on for ever; then the target is given up and the others are brought. The end of the plan
+is not the end: whoever asks again later is told what has rolled away since.
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections import Counter
 from dataclasses import replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from perdure.errors import lookup
 from perdure.home.sim.pieces import CONTAINERS, container_of
 from perdure.home.tasks.domain import ELSEWHERE
 from perdure.home.tasks.episodes import Episode
@@ -35,8 +39,8 @@ from perdure.home.tasks.tasks import (
     at,
     container_position,
 )
+from perdure.registry import Registered
 
-PlannerName = Literal["open", "closed"]
 FallbackName = Literal["oracle", "none"]
 """Who acts after `LEARNED` failures of a skill: "oracle", or "none": the policy goes on until its attempts are over."""
 LEARNED = 3
@@ -45,39 +49,66 @@ ATTEMPTS = 5
 """Attempts of a skill with a target in all (our choice)."""
 WAYS = 2
 """Failed navigations to an attempt after which it begins wherever the robot stands (our choice)."""
-MARGIN = 0.1
-"""Distance in [m] beside and below a receptacle at which an object still lies in it."""
 NOT_AT_START = 0.1
 """The planner looks for an object again that is farther than this in [m] from its start."""
 
 
-class Planner:
-    """Open loop: the plan of the task, whatever happens. Other planners inherit."""
+class Planner(Registered):
+    """Which skill is next in an episode."""
+
+    words: ClassVar[str]
+    """What it does, for tables, figures and the command line: "planned again after each skill"."""
+    has_fallback: ClassVar[bool] = False
+    """Whether the oracle takes over what failed often, unless the fallback is "none"."""
 
     def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
-        """Begin at the start of an episode; without a planner that looks there is no fallback."""
+        """Begin at the start of an episode."""
         self._episode = episode
-        self._steps = iter(make_plan(episode.home_task))
+        self._fallback = fallback
 
+    @classmethod
+    def skills(cls, task: HomeTask) -> tuple[str, ...]:
+        """Return the skills that it may choose in a task: those of the task's plan."""
+        return tuple(dict.fromkeys(step.skill for step in make_plan(task)))
+
+    @abstractmethod
     def next(self, facts: WorldFacts, succeeded: bool = True) -> SkillStep | None:
         """Return the next step, None when the plan is done.
 
         `facts` are those of now, without leading axes; `succeeded` is whether the last step did.
         """
-        return next(self._steps, None)
 
     def seen(self, facts: WorldFacts, step: SkillStep) -> Episode:
         """Return the episode with the target of a step where the planner believes it to be: at its start."""
         return self._episode
 
 
-class ClosedLoop(Planner):
-    """Plans again after each skill."""
+class OpenLoop(Planner):
+    """The plan of the task, whatever happens."""
+
+    name = "open"
+    words = "the task's plan, whatever happens"
 
     def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
         """Begin at the start of an episode."""
         super().__init__(episode, fallback)
-        self._fallback = fallback
+        self._steps = iter(make_plan(episode.home_task))
+
+    def next(self, facts: WorldFacts, succeeded: bool = True) -> SkillStep | None:
+        """See `Planner.next`."""
+        return next(self._steps, None)
+
+
+class ClosedLoop(Planner):
+    """Plans again after each skill."""
+
+    name = "closed"
+    words = "planned again after each skill"
+    has_fallback = True
+
+    def __init__(self, episode: Episode, fallback: FallbackName = "oracle") -> None:
+        """Begin at the start of an episode."""
+        super().__init__(episode, fallback)
         self._problem = replace(plan_problem(episode), name=episode.task)
         self._attempts = Counter[tuple[str, int]]()
         self._given_up = set[int]()
@@ -86,6 +117,12 @@ class ClosedLoop(Planner):
         self._last: tuple[SkillStep, PlannedSkill] | None = None
         """The step that `reset_arm` follows next."""
         self._robot_at = ELSEWHERE
+
+    @classmethod
+    def skills(cls, task: HomeTask) -> tuple[str, ...]:
+        """See `Planner.skills`; it also opens the task's containers."""
+        opening = [CONTAINERS[each.container].open_skill for each in plan_problem(task).containers]
+        return tuple(dict.fromkeys([*super().skills(task), *opening]))
 
     def next(self, facts: WorldFacts, succeeded: bool = True) -> SkillStep | None:
         """See `Planner.next`; `reset_arm` follows every skill."""
@@ -194,26 +231,20 @@ def find_container(episode: Episode, target: int, facts: WorldFacts) -> str | No
     apartment = episode.apartment()
     point = np.asarray(facts.object_positions[target])
     for name in (episode.objects[target].receptacle, episode.goals[target].receptacle):
-        receptacle = apartment.receptacle(name)
         link = apartment.container(name)
         if link is None:
             continue
-        container = container_of(link)
-        opened = {link: float(container_position(facts, container.name))}
-        pose = apartment.piece(receptacle.piece).pose
-        away = pose.to_local(point) - pose.to_local(apartment.surface_to_room(receptacle, np.zeros(2), opened))
-        level = not container.slides or -MARGIN < away[2] < receptacle.headroom  # any shelf behind a door will do
-        if level and (np.abs(away[:2]) < np.asarray(receptacle.half) + MARGIN).all():
+        opened = {link: float(container_position(facts, container_of(link).name))}
+        if apartment.is_inside(apartment.receptacle(name), point, opened):
             return link
     return None
 
 
-PLANNERS: dict[str, type[Planner]] = {"open": Planner, "closed": ClosedLoop}
+def find_planner(name: str) -> type[Planner]:
+    """Return the planner of a name; PerdureError when there is none."""
+    return lookup(Planner.kinds(), name, "planner")
 
 
-def needed_skills(task: HomeTask, planner: PlannerName) -> tuple[str, ...]:
-    """Return the skills that a planner may choose; a closed loop also opens the task's containers."""
-    skills = [step.skill for step in make_plan(task)]
-    if planner != "open":
-        skills += [CONTAINERS[each.container].open_skill for each in plan_problem(task).containers]
-    return tuple(dict.fromkeys(skills))
+def needed_skills(task: HomeTask, planner: str) -> tuple[str, ...]:
+    """Return the skills that the planner of a name may choose in a task."""
+    return find_planner(planner).skills(task)

@@ -13,7 +13,6 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import build_scene
 from perdure.home.sim.sensors import SkillGoal
-from perdure.home.sim.simulator import ACTION_SIZE, ARM
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Place
 from tests.home.arm_poses import reach
@@ -25,6 +24,7 @@ class Hasty:
     """Swings the arm and drives, and wants to let go at a given step."""
 
     needs_scan = False
+    is_oracle = False
 
     def __init__(self, at=12, forward=0.3):
         self.at, self.forward = at, forward
@@ -35,9 +35,9 @@ class Hasty:
 
     def act(self, world, lanes, skill, state, progress):
         self.asked += 1
-        actions = np.zeros((len(lanes), ACTION_SIZE))
+        actions = np.zeros((len(lanes), ROBOT.action_size))
         actions[:, 0] = self.forward
-        actions[:, ARM] = (-0.5, 0.5, 0.2, -0.3, 0.0, 0.5, 0.0)
+        actions[:, ROBOT.action.arm] = (-0.5, 0.5, 0.2, -0.3, 0.0, 0.5, 0.0)
         actions[:, GRIP] = np.where(progress.elapsed >= self.at, -1.0, 0.0)
         return actions
 

@@ -9,14 +9,13 @@ from perdure.errors import PerdureError
 from perdure.home.agents.learned import Scripted
 from perdure.home.agents.release import HandOver, Stop
 from perdure.home.agents.scripted import Oracle
-from perdure.home.evaluate import execute
 from perdure.home.evaluate.execute import OVERTIME, Executor, ExecutorOptions
 from perdure.home.evaluate.outcomes import latched, stabilizing
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import SceneOptions
-from perdure.home.sim.simulator import ACTION_SIZE, FORWARD, GRIP
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.planners import Planner, needed_skills
+from perdure.home.tasks.planners import OpenLoop, Planner, needed_skills
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import NOTHING, SOMETHING_ELSE, TASKS, SkillStep, get_task
 from tests.home.limits import shorten
@@ -29,12 +28,13 @@ class Idle:
     """Does nothing, for ever."""
 
     needs_scan = False
+    is_oracle = False
 
     def begin(self, world, lane, skill):
         pass
 
     def act(self, world, lanes, skill, state, progress):
-        return np.zeros((len(lanes), ACTION_SIZE))
+        return np.zeros((len(lanes), ROBOT.action_size))
 
     def overtime(self, lane):
         return False
@@ -148,17 +148,18 @@ def test_skills_of_the_oracle_count_as_scripted(solved, idle):
 def planning(monkeypatch, *steps):
     """Lets the plan be these steps (None: a settling time); returns a list that grows whenever it is asked."""
     asked = []
+    usual = OpenLoop.next
 
-    class Listed(Planner):
-        def __init__(self, episode, fallback):
-            super().__init__(episode, fallback)
-            self._steps = iter(steps)
+    def begin(self, episode, fallback):
+        Planner.__init__(self, episode, fallback)
+        self._steps = iter(steps)
 
-        def next(self, facts, succeeded=True):
-            asked.append(succeeded)
-            return super().next(facts, succeeded)
+    def ask(self, facts, succeeded=True):
+        asked.append(succeeded)
+        return usual(self, facts, succeeded)
 
-    monkeypatch.setitem(execute.PLANNERS, "open", Listed)
+    monkeypatch.setattr(OpenLoop, "__init__", begin)
+    monkeypatch.setattr(OpenLoop, "next", ask)
     return asked
 
 
@@ -216,7 +217,7 @@ class Forward(Idle):
 
     def act(self, world, lanes, skill, state, progress):
         actions = super().act(world, lanes, skill, state, progress)
-        actions[:, FORWARD] = 0.3
+        actions[:, ROBOT.action.forward] = 0.3
         return actions
 
 
@@ -249,7 +250,7 @@ class Holding(Idle):
 
     def act(self, world, lanes, skill, state, progress):
         actions = super().act(world, lanes, skill, state, progress)
-        actions[:, GRIP] = 1.0
+        actions[:, ROBOT.action.grip] = 1.0
         return actions
 
     def overtime(self, lane):

@@ -8,12 +8,13 @@ from msgspec.structs import replace
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import plan_starts
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.skills import environment, get_skill
 from perdure.home.skills.environment import HomeSkillVectorEnv, SkillEnvOptions
 from perdure.home.skills.starts import TOUCH, put, read_plan_starts, touching
 from perdure.home.tasks.episodes import load_episodes
 
+FRIDGE_DOOR = CONTAINERS["fridge"].links[0]
 POOL = SimpleNamespace(episodes=load_episodes("set_table", "val").episodes[:3])
 USED = {
     **{"pick": {0, 1}, "place": {0, 1}, "navigate": {0, 1}},

@@ -84,9 +84,7 @@ def test_a_log_from_before_there_was_a_choice_had_the_oracle_as_fallback():
     assert noted_protocol({"protocol": json.dumps(noted)}, "it") == protocol
 
 
-@pytest.mark.parametrize(
-    ("planner", "fallback", "word"), [("open", "none", "planner closed"), ("closed", "oracel", "oracle")]
-)
+@pytest.mark.parametrize(("planner", "fallback", "word"), [("open", "none", "closed"), ("closed", "oracel", "oracle")])
 def test_a_fallback_that_cannot_be_is_refused(planner, fallback, word):
     with pytest.raises(PerdureError, match=word):
         ExecutorOptions(planner=planner, fallback=fallback)

@@ -1,6 +1,7 @@
 """Which policy acts in which skill: shipped ones, files, or the oracle."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -73,10 +74,12 @@ def test_training_seeds_are_numbered_by_what_is_shipped(tmp_path, monkeypatch):
 
 
 def test_a_shipped_policy_is_named_by_its_place_and_its_content():
-    shipped = SkillPolicy(str(SHIPPED / "set_table" / "place" / "seed-0.safetensors"), "0123456789")
+    shipped = SkillPolicy(SHIPPED / "set_table" / "place" / "seed-0.safetensors", "0123456789")
     assert shipped.name == "shipped set_table/place/seed-0 (SHA-256 01234567)"
-    assert SkillPolicy("mine.safetensors", "0123456789").name == "mine.safetensors (SHA-256 01234567)"
-    assert SkillPolicy("oracle").name == "oracle"
+    mine = SkillPolicy(Path("mine.safetensors"), "0123456789")
+    assert mine.name == "mine.safetensors (SHA-256 01234567)"
+    assert replace(mine, clock=Constant(50.0)).name == "mine.safetensors@constant:50 (SHA-256 01234567)"
+    assert SkillPolicy().name == "oracle"
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ from perdure.home.evaluate.protocol import (
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planning import make_plan
+from perdure.horizon import Constant
 from perdure.runs import Store, Work
 from tests.home.limits import shorten
 
@@ -225,7 +226,7 @@ def test_a_place_policy_that_was_trained_otherwise_is_a_release():
     read = [read_release(name) for name in names]
     assert [each.policy for each in read] == ["place", "place", "place-delta-50", "place-gentle", "place-geometric"]
     assert [each.strategy for each in read] == ["rl", "guarded", "rl", "rl", "rl"]
-    assert [each.clock for each in read] == ["", "", "", "", "@constant:50"]
+    assert [each.clock for each in read] == [None, None, None, None, Constant(50.0)]
     assert EvaluationProtocol("set_table", "gentle").skills()["place"].gentle
 
 

@@ -10,7 +10,6 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import build_scene
 from perdure.home.sim.sensors import SkillGoal
-from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, GRIP
 from perdure.home.sim.vector_simulator import VectorSimulator
 from tests.home.arm_poses import reach
 
@@ -45,9 +44,9 @@ def world_with(room, *offsets, kinds=None, above=0.25, held=-1):
 
 
 def act(world, steps=1, **parts):
-    action = np.zeros((1, ACTION_SIZE))
+    action = np.zeros((1, ROBOT.action_size))
     for name, value in parts.items():
-        action[0, {"grip": GRIP, "forward": FORWARD, "arm": ARM}[name]] = value
+        action[0, {"grip": ROBOT.action.grip, "forward": ROBOT.action.forward, "arm": ROBOT.action.arm}[name]] = value
     for _ in range(steps):
         world.step(action)
     return world.sense()

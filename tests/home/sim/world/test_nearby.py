@@ -6,7 +6,7 @@ import pytest
 from test_world import begin, wiggle
 
 from perdure.home.sim import scene
-from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD
+from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import load_episodes
 
@@ -34,8 +34,10 @@ def rummage(task):
         begin(world, lane, episode, seed=lane)
     for step in range(360):
         actions = wiggle(rng, 4)
-        actions[:, ARM] = np.where(step < 60, (0.0, 1.0, 0.0, -1.0, 0.0, -0.5, 0.0), actions[:, ARM])
-        actions[:, FORWARD] = np.where(step % 60 < 40, 0.4, actions[:, FORWARD])
+        actions[:, ROBOT.action.arm] = np.where(
+            step < 60, (0.0, 1.0, 0.0, -1.0, 0.0, -0.5, 0.0), actions[:, ROBOT.action.arm]
+        )
+        actions[:, ROBOT.action.forward] = np.where(step % 60 < 40, 0.4, actions[:, ROBOT.action.forward])
         world.step(actions)
         if step % 10 == 0:
             for lane in range(4):
@@ -63,9 +65,9 @@ def test_most_of_a_room_is_left_out_once_it_sleeps():
     lane = world.simulator(0)
     assert np.array_equal(lane.model.body_contype, scene.nearby.contype)  # at first everything is awake
     for _ in range(30):
-        world.step(np.zeros((1, ACTION_SIZE)))
+        world.step(np.zeros((1, ROBOT.action_size)))
     assert (lane.model.body_contype > 0).sum() < 0.7 * (scene.nearby.contype > 0).sum()
     lane.object(5)[1][:] = 1.0, 0.0, 0.0  # wakes it: what it may now hit must be searched
-    world.step(np.zeros((1, ACTION_SIZE)))
-    world.step(np.zeros((1, ACTION_SIZE)))
+    world.step(np.zeros((1, ROBOT.action_size)))
+    world.step(np.zeros((1, ROBOT.action_size)))
     assert np.array_equal(lane.model.body_contype, scene.nearby.contype)

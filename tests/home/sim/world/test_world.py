@@ -10,7 +10,6 @@ from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import SceneOptions, build_scene
 from perdure.home.sim.sensors import BEAMS, SCAN_ANGLES, SCAN_RANGE, SkillGoal
-from perdure.home.sim.simulator import ACTION_SIZE, ARM, FORWARD, TURN
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import episode_scene, load_episodes, start_pose
 from tests.home.arm_poses import reach
@@ -34,7 +33,7 @@ def begin(world, lane, episode, seed=0, **options):
 
 
 def wiggle(rng, n):
-    return rng.uniform(-1.0, 1.0, (n, ACTION_SIZE))
+    return rng.uniform(-1.0, 1.0, (n, ROBOT.action_size))
 
 
 def test_sensors_agree_with_mujocos_own_kinematics(episodes):
@@ -68,13 +67,15 @@ def test_frames_are_turned_the_right_way(episodes):
     assert np.allclose(forward[0], state.gripper_rotation[0].T @ [1.0, 0.0, 0.0], atol=1e-12)
 
 
-@pytest.mark.parametrize(("column", "expected"), [(FORWARD, (1.0, 0.0, 0.0)), (TURN, (0.0, 0.0, 1.0))])
+@pytest.mark.parametrize(
+    ("column", "expected"), [(ROBOT.action.forward, (1.0, 0.0, 0.0)), (ROBOT.action.turn, (0.0, 0.0, 1.0))]
+)
 def test_the_base_drives_as_fast_as_it_is_told(episodes, column, expected):
     world = VectorSimulator(1)
     scene = build_scene(episodes[0].apartment(), [])
     start = start_pose(scene.apartment, episodes[0], 0)
     world.reset(0, scene, start)
-    action = np.zeros((1, ACTION_SIZE))
+    action = np.zeros((1, ROBOT.action_size))
     action[0, column] = 0.4
     before = world.sense().base[0]
     for _ in range(20):
@@ -91,14 +92,14 @@ def test_the_base_keeps_its_line_and_brakes_alike_at_every_heading(empty_room, h
     apartment, middle, _ = empty_room
     world, yaw = VectorSimulator(1), np.radians(heading)
     world.reset(0, build_scene(apartment, []), Pose(middle[0], middle[1], yaw))
-    begin, most, action = world.sense().base[0, :2], 0.0, np.zeros((1, ACTION_SIZE))
-    action[0, FORWARD] = 1.0
+    begin, most, action = world.sense().base[0, :2], 0.0, np.zeros((1, ROBOT.action_size))
+    action[0, ROBOT.action.forward] = 1.0
     for _ in range(15):
         world.step(action, base_speed=1.5)
         most = max(most, abs(world.sense().base_velocity[0, 1]))
     before = world.sense().base[0, :2]
     for _ in range(20):
-        world.step(np.zeros((1, ACTION_SIZE)), base_speed=1.5)
+        world.step(np.zeros((1, ROBOT.action_size)), base_speed=1.5)
     after = world.sense().base[0, :2]
     assert np.linalg.norm(after - before) == pytest.approx(0.164, abs=0.005)
     assert abs((after - begin) @ [-np.sin(yaw), np.cos(yaw)]) < 0.005
@@ -111,8 +112,8 @@ def test_furniture_stops_the_base(episodes):
     x, y = sofa.pose.to_room(np.array([1.6, 0.0]))
     world = VectorSimulator(1)
     world.reset(0, build_scene(apartment, []), Pose(float(x), float(y), sofa.pose.yaw + np.pi))
-    action = np.zeros((1, ACTION_SIZE))
-    action[0, FORWARD] = 1.0
+    action = np.zeros((1, ROBOT.action_size))
+    action[0, ROBOT.action.forward] = 1.0
     for _ in range(60):
         world.step(action)
     front = sofa.pose.to_local(world.sense().base[:, :2])[0, 0]
@@ -123,8 +124,8 @@ def test_furniture_stops_the_base(episodes):
 def test_arm_steps_move_the_servos_targets_and_the_arm_follows(episodes):
     world = VectorSimulator(1)
     world.reset(0, build_scene(episodes[0].apartment(), []), start_pose(episodes[0].apartment(), episodes[0], 0))
-    action = np.zeros((1, ACTION_SIZE))
-    action[0, ARM] = (1.0, 0.0, 0.0, -0.5, 0.0, 0.0, 2.0)  # the last one is cut to 1
+    action = np.zeros((1, ROBOT.action_size))
+    action[0, ROBOT.action.arm] = (1.0, 0.0, 0.0, -0.5, 0.0, 0.0, 2.0)  # the last one is cut to 1
     for _ in range(10):
         world.step(action)
     state = world.sense()
@@ -142,7 +143,7 @@ def test_a_lane_depends_on_nothing_but_itself(episodes):
         for lane in range(lanes):
             begin(world, lane, episodes[3 if lane == mine else 11 + lane])
         for step in range(30):
-            actions = np.random.default_rng(step).uniform(-1, 1, (lanes, ACTION_SIZE))
+            actions = np.random.default_rng(step).uniform(-1, 1, (lanes, ROBOT.action_size))
             actions[mine] = wiggle(rng, 1)
             if lanes == 3 and step % 2:
                 world.step(actions[[mine]], np.array([mine]))
@@ -263,7 +264,11 @@ def test_the_scan_of_a_lane_does_not_depend_on_its_neighbors(episodes):
 
 @pytest.mark.parametrize(
     ("actions", "message"),
-    [(np.zeros((1, 3)), "shape"), (np.full((1, ACTION_SIZE), np.nan), "finite"), (np.zeros((2, ACTION_SIZE)), "shape")],
+    [
+        (np.zeros((1, 3)), "shape"),
+        (np.full((1, ROBOT.action_size), np.nan), "finite"),
+        (np.zeros((2, ROBOT.action_size)), "shape"),
+    ],
 )
 def test_wrong_actions_are_refused(episodes, actions, message):
     world = VectorSimulator(1)

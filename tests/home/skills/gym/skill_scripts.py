@@ -6,7 +6,7 @@ import numpy as np
 
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
-from perdure.home.sim.simulator import ARM, ARM_STEP, GRIP
+from perdure.home.sim.simulator import ARM_STEP
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.starts import TOUCH, Start, put, touching
 from tests.home.arm_poses import reach
@@ -39,9 +39,9 @@ def start_within_reach(scene, point, skill_goal, above=0.1, back=0.0, headings=A
 def action(forward=0.0, arm=None, grip=0.0):
     """The action of one lane; `arm` in radians per joint."""
     action = np.zeros((1, 10))
-    action[0, 0], action[0, GRIP] = forward, grip
+    action[0, 0], action[0, ROBOT.action.grip] = forward, grip
     if arm is not None:
-        action[0, ARM] = np.clip(np.asarray(arm) / ARM_STEP, -1.0, 1.0)
+        action[0, ROBOT.action.arm] = np.clip(np.asarray(arm) / ARM_STEP, -1.0, 1.0)
     return action
 
 

@@ -31,6 +31,7 @@ class Waiting:
     """Stands still through the skills before the one that is looked at."""
 
     needs_scan = True
+    is_oracle = False
 
     def overtime(self, lane):
         return False

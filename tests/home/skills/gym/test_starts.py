@@ -10,7 +10,6 @@ from perdure.home.sim.kinematics import gripper_pose
 from perdure.home.sim.occupancy import free_space
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import LEVERS, SceneOptions
-from perdure.home.sim.simulator import ACTION_SIZE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import get_skill, learned_skills
 from perdure.home.skills.starts import begin, touching
@@ -73,7 +72,7 @@ def test_a_lane_that_diverges_is_at_its_start_again_with_what_had_moved(skill, t
     world = begun_lane(skill, load_episodes("set_table", "val")[3], target)
     start = world.simulator(0).qpos.copy()
     world.simulator(0).qvel[:] = np.nan
-    world.step(np.zeros((1, ACTION_SIZE)))
+    world.step(np.zeros((1, ROBOT.action_size)))
     assert world.sense().diverged[0]
     np.testing.assert_array_equal(world.simulator(0).qpos, start)
 
@@ -126,7 +125,7 @@ def test_what_lies_in_an_open_drawer_stays_where_it_is():
     start = begin(world, 0, scene, get_skill("pick").draw_start, episode, 0, np.random.default_rng(0))
     before, _ = world.simulator(0).objects(1)
     for _ in range(30):
-        world.step(np.zeros((1, ACTION_SIZE)))
+        world.step(np.zeros((1, ROBOT.action_size)))
     after, speed = world.simulator(0).objects(1)
     np.testing.assert_allclose(before[0, :3], start.moved[0].position)
     assert np.linalg.norm(after[0, :3] - before[0, :3]) < 0.01

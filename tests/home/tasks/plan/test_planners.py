@@ -1,5 +1,6 @@
 """The closed loop on a world without physics: skills succeed, fail, and are undone by a hypothesis."""
 
+import gc
 from collections import Counter
 from dataclasses import replace
 
@@ -9,13 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perdure.errors import PerdureError
+from perdure.home.evaluate.comparison import describe
 from perdure.home.evaluate.execute import ExecutorOptions
-from perdure.home.sim.pieces import FRIDGE_DOOR
+from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.tasks.episodes import load_episodes
-from perdure.home.tasks.planners import ATTEMPTS, LEARNED, PLANNERS, ClosedLoop, Planner, find_container, needed_skills
+from perdure.home.tasks.planners import ATTEMPTS, LEARNED, ClosedLoop, OpenLoop, Planner, find_container, needed_skills
 from perdure.home.tasks.planning import make_plan
 from perdure.home.tasks.tasks import NOTHING, TASKS, SkillStep, WorldFacts
 
+FRIDGE_DOOR = CONTAINERS["fridge"].links[0]
 FLOOR = (0.0, 0.0, 0.05)
 OPEN = {"drawer": 0.45, "fridge": 1.9}
 
@@ -75,7 +78,7 @@ def most_steps(world):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_when_all_goes_well_the_closed_loop_is_the_open_loop(task):
-    closed, opened = run(World(task)), run(World(task), Planner(World(task).episode))
+    closed, opened = run(World(task)), run(World(task), OpenLoop(World(task).episode))
     assert closed == opened == list(make_plan(TASKS[task]))
 
 
@@ -260,9 +263,28 @@ def test_navigation_and_pick_aim_at_where_a_moved_object_lies():
 def test_a_closed_loop_may_open_what_the_plan_does_not_and_unknown_planners_are_refused():
     task = TASKS["prepare_groceries"]
     assert set(needed_skills(task, "closed")) - set(needed_skills(task, "open")) == {"open_fridge"}
-    assert list(PLANNERS) == ["open", "closed"]
     with pytest.raises(PerdureError, match="planner"):
         ExecutorOptions(planner="half")
+
+
+def test_a_planner_is_known_everywhere_once_it_is_defined():
+    class Lazy(Planner):
+        name = "lazy"
+        words = "nothing is planned"
+
+        def next(self, facts, succeeded=True):
+            return None
+
+    strategy = ExecutorOptions(planner="lazy").strategy("rl")
+    assert (strategy.planner, strategy.fallback) == ("lazy", "none")
+    assert describe(strategy) == "open at once, nothing is planned, without fallback"
+    assert needed_skills(TASKS["set_table"], "lazy") == needed_skills(TASKS["set_table"], "open")
+    with pytest.raises(PerdureError, match="fallback none needs another planner \\(closed\\)"):
+        ExecutorOptions(planner="lazy", fallback="none")
+    del Lazy
+    gc.collect()
+    with pytest.raises(PerdureError, match="lazy"):
+        ExecutorOptions(planner="lazy")
 
 
 def test_the_door_in_front_of_a_goal_is_seen_although_the_object_lies_elsewhere():
