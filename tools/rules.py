@@ -69,7 +69,7 @@ PAGES = {
     "results/disturbance/README.md": 1_250,
     "results/horizon/README.md": 2_200,
     "results/horizon/registered.md": 600,
-    "results/placement/README.md": 1_950,
+    "results/placement/README.md": 2_350,
     "results/robots/README.md": 400,
 }
 
