@@ -1,5 +1,7 @@
 """Options of skill environments: those that make no sense are refused before anything is built."""
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -68,10 +70,14 @@ def test_an_unknown_option_is_named():
         make("place", "tidy_house", color="red")
 
 
+ONE: dict[str, Any] = {"split": "val", "episodes": 1}
+"""Training episodes are generated where there are none yet, which takes most of a minute."""
+
+
 def test_a_step_limit_in_which_the_object_cannot_stay_is_refused():
     with pytest.raises(PerdureError, match="max_episode_steps=450"):
-        gymnasium.make_vec(env_id("place"), num_envs=2, delta=250)  # the default limit is 200 steps
-    gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450).close()
+        gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, **ONE)  # the default limit is 200 steps
+    gymnasium.make_vec(env_id("place"), num_envs=2, delta=250, max_episode_steps=450, **ONE).close()
 
 
 def test_an_id_refuses_another_skill():
