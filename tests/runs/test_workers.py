@@ -67,6 +67,13 @@ def test_of_units_with_checkpoints_the_one_furthest_behind_goes_first(tmp_path):
     assert lines(log) == ["4:1", "2:1", "4:2", "4:3", "2:2", "4:4"], "a tie goes to the first"
 
 
+def test_units_beyond_two_for_each_worker_wait_until_earlier_ones_are_finished(tmp_path):
+    log = tmp_path / "log"
+    units = [unit(str(number), "count", to=number, log=str(log)) for number in (3, 2, 1)]
+    run_missing(units, tmp_path / "store")
+    assert lines(log) == ["3:1", "2:1", "3:2", "2:2", "1:1", "3:3"]
+
+
 def test_a_failure_is_said_recorded_and_stops_only_what_depends_on_it(tmp_path, on):
     units = [unit("bad", "fail", message="no such thing"), unit("next", after=("bad",)), unit("good")]
     seen = []

@@ -16,6 +16,9 @@ from perdure.runs.store import Store, Unit, attempt, read_progress
 from perdure.runs.workers import Ended, Workers, core_count, make_workers, one_line
 
 POLL_SECONDS = 0.25
+UNITS_AHEAD = 2
+"""Units for each worker that take turns. More would end them more evenly, but late, and an interrupted command should
+leave whole units."""
 BUSY_SECONDS = 1.0
 """Interval at which units that another command is running are tried again."""
 
@@ -127,10 +130,10 @@ class _Run:
         self._errors: dict[str, BaseException] = {}
 
     def run_here(self, threads: int, keep_going: bool) -> None:
-        """Run everything in this process, the unit that is furthest behind first."""
+        """Run everything in this process."""
         self._observe(self._status)
         while True:
-            unit = self._next()
+            unit = self._next(1)
             if unit is None:
                 if not self._wait_for_others():
                     return
@@ -150,13 +153,13 @@ class _Run:
         """Keep workers busy until nothing more can be run."""
         while True:
             while workers.free:
-                unit = self._next()
+                unit = self._next(workers.free + self._running())
                 if unit is None:
                     break
                 self._set(unit.key, "running")
                 workers.start(self._store.root, unit)
             self._observe(self.refresh())
-            running = any(each.state == "running" for each in self._status.values())
+            running = self._running()
             if not running and not self._wait_for_others():
                 return
             if running:
@@ -186,8 +189,12 @@ class _Run:
         cause = self._errors.get(first)
         raise PerdureError(f"{count}: {first}: {self._status[first].error}") from cause
 
-    def _next(self) -> Unit | None:
-        """Return the unit to run next: of those that can be, the one that is furthest behind."""
+    def _running(self) -> int:
+        """Return how many units workers are running."""
+        return sum(each.state == "running" for each in self._status.values())
+
+    def _next(self, workers: int) -> Unit | None:
+        """Return the unit to run next: of the first `UNITS_AHEAD` a worker that can be, the one furthest behind."""
         now = time.monotonic()
         ready = []
         for number, (key, unit) in enumerate(self._units.items()):
@@ -203,7 +210,7 @@ class _Run:
                 ready.append((self._status[key].share, number, unit))
         if not ready:
             return None
-        _, _, furthest_behind = min(ready, key=lambda each: each[:2])
+        _, _, furthest_behind = min(ready[: UNITS_AHEAD * workers], key=lambda each: each[:2])
         return furthest_behind
 
     def _wait_for_others(self) -> bool:
