@@ -18,6 +18,7 @@ from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"
 METHOD = "evolution-strategies"
+SEED = Path(TASK, "wide", "seed-0")
 MODULE = Path(__file__).parent / "own" / "evolution_strategies.py"
 
 
@@ -43,20 +44,28 @@ def training(out):
     return command("train", TASK, "--method", METHOD, *flags)
 
 
-def test_it_trains_is_killed_resumes_and_is_judged(installed, tmp_path):
-    folder = Path(TASK, "wide", "seed-0")
-    subprocess.run(training(tmp_path / "whole"), env=installed, check=True, capture_output=True)
-    killed = subprocess.Popen(training(tmp_path / "killed"), env=installed, stderr=subprocess.DEVNULL)
-    while killed.poll() is None and not list((tmp_path / "killed").rglob("checkpoint.safetensors")):
+@pytest.fixture(scope="module")
+def trained(installed, tmp_path_factory):
+    """The folder of a seed that was trained without interruption."""
+    out = tmp_path_factory.mktemp("whole")
+    subprocess.run(training(out), env=installed, check=True, capture_output=True)
+    return out / SEED
+
+
+@pytest.mark.verify
+def test_it_is_killed_and_resumes(installed, trained, tmp_path):
+    killed = subprocess.Popen(training(tmp_path), env=installed, stderr=subprocess.DEVNULL)
+    while killed.poll() is None and not list(tmp_path.rglob("checkpoint.safetensors")):
         time.sleep(0.01)
     killed.send_signal(signal.SIGKILL)
     assert killed.wait() == -signal.SIGKILL, "it was to be killed before its end"
-    subprocess.run(training(tmp_path / "killed"), env=installed, check=True, capture_output=True)
+    subprocess.run(training(tmp_path), env=installed, check=True, capture_output=True)
     for name in ("policy.safetensors", "episodes.parquet", "iterations.parquet"):
-        whole = (tmp_path / "whole" / folder / name).read_bytes()
-        assert (tmp_path / "killed" / folder / name).read_bytes() == whole
+        assert (tmp_path / SEED / name).read_bytes() == (trained / name).read_bytes()
 
-    policy = tmp_path / "whole" / folder / "policy.safetensors"
+
+def test_it_learns_and_is_judged(installed, trained, tmp_path):
+    policy = trained / "policy.safetensors"
     judged = command("extrapolate", policy, "--steps", 1000, "--disturb", "none", "--json", "--out", tmp_path / "out")
     done = subprocess.run(judged, env=installed, check=True, capture_output=True, text=True)
     (group,) = json.loads(done.stdout)["groups"]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pytest
 
 from perdure.learn import TrainRun, method_config, train
 
@@ -20,6 +21,7 @@ WIDER = 2
 """Ten seeds do not show the whole spread."""
 
 
+@pytest.mark.verify
 def test_the_return_rises_as_stable_baselines3s_does(tmp_path):
     sb3 = np.array(list(json.loads(CURVES.read_text())[TASK]["sb3"].values()))[:, :PARTS]
     low, high = sb3.min(axis=0) / WIDER, sb3.max(axis=0) * WIDER

@@ -137,7 +137,8 @@ def test_disturbances_that_the_task_cannot_have_are_refused_before_anything_is_t
 
 
 @pytest.mark.parametrize(
-    ("on", "cores"), [("here", 2), pytest.param("local", 1, marks=pytest.mark.verify), ("local", 2)]
+    ("on", "cores"),
+    [("here", 2), *(pytest.param("local", cores, marks=pytest.mark.verify) for cores in (1, 2))],
 )
 def test_a_seed_beside_another_on_two_threads_equals_the_seed_alone_on_one(solo, tmp_path, on, cores):
     told = []
