@@ -10,6 +10,7 @@
 | `perdure.learn` | PPO in JAX with a configurable horizon; training methods |
 | `perdure.evaluate` | evaluation far beyond the training horizon: `perdure.extrapolate` |
 | `perdure.stats` | intervals over training runs, differences, survival curves |
+| `perdure.sequential` | intervals that stay valid while episodes are added |
 | `perdure.film` | pictures and films of simulations; `perdure.evaluate.watch` films a policy as it fails |
 | `perdure.report` | figures and an HTML report from evaluation tables |
 | `perdure.home` | the Home Assistant Benchmark |
