@@ -52,7 +52,8 @@ class Flags(Extrapolation):
     cores: Cores = None
     on: On = "local"
     require: Literal["holds"] | None = None
-    """End with exit code 3, and a line that names them, if policies, clocks or disturbances do not hold."""
+    """End with exit code 3, and a line that names them, if policies, clocks or disturbances do not hold; as soon as
+    that is certain, without the remaining episodes."""
     json: bool = False
     """Print the summary as one JSON document, and nothing else on standard output."""
 
@@ -69,6 +70,8 @@ def extrapolate(flags: Flags, command: str) -> None:
         result = _evaluate_function(flags, command) if function else _evaluate_files(flags, command)
     table = result.path
     states = result.frame["policy_state"].unique().to_list()
+    if result.stopped:
+        _tell(f"stopped early, {result.stopped}")
     del result  # the report needs the memory
     assert table is not None
     if flags.normalizer == "none" and NeverWorked.name in states:
@@ -128,6 +131,7 @@ def _evaluate(
             command=command,
             observe=observe,
             waiting=lambda: _tell(f"waiting for another evaluation into {flags.out}"),
+            stop_early=flags.require is not None,
         )
 
 

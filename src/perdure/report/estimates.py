@@ -303,6 +303,19 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
     return Verdict(group, label, counts[label], share, by_seed, evidence)
 
 
+def cannot_hold(group: Group, episodes: int) -> int:
+    """Return how many episodes of a group do not hold, if too many for the group to hold with all of them; else 0.
+
+    Args:
+        group: Some of the episodes.
+        episodes: How many the group has in the end.
+    """
+    missed = group.episodes - int(np.isin(group.verdicts, outcome_words(good=True)).sum())
+    if episodes - missed >= HOLDING_SHARE * episodes - ROUNDING:
+        return 0
+    return missed
+
+
 def _label(counts: Mapping[str, int], holding: float) -> str:
     """Return the verdict on episodes: how many had which outcome, and the share of them that is good."""
     good = outcome_words(good=True)

@@ -187,7 +187,7 @@ def write_report(
     return write_atomic(folder / PAGE, page(_title(by_task), [*parts, _part("words")], command, made))
 
 
-MADE = {"evaluated": "Evaluated on", "versions": "With"}
+MADE = {"stopped": "Stopped early,", "evaluated": "Evaluated on", "versions": "With"}
 """Name of a note of a table's file to the words before it."""
 
 
