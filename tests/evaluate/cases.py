@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from perdure.evaluate.episodes import window_steps
+from perdure.evaluate.judge import judge_table
 from perdure.evaluate.reference import Idle
-from perdure.evaluate.verdict import judge_episode, make_score_scale
+from perdure.evaluate.verdict import make_score_scale
 from perdure.policy.reference import BIN_STEPS, Reference
 from perdure.report.groups import NO_CLOCK
-from perdure.report.schema import COLUMNS, GOALS
+from perdure.report.schema import COLUMNS, GOALS, RAW
 
 T, EPISODES = 1000, 20
 
@@ -292,7 +293,6 @@ class Robots:
         labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0, "train_horizon": float(T)}
         labels |= {"clock": self.clock, "clock_kind": kind, "clock_steps": float(number or math.nan), "end_detail": ""}
         labels |= {"not_applied": "", "step_seconds": 0.036, "movement_first": 0.3}
-        labels |= {name: value for name, value in vars(scale).items() if name in COLUMNS}
         rows, has_goal = [], any(case.at_goal for case in (*self.episodes, *self.disturbed))
         for disturbance, cases in (("none", self.episodes), ("standard-1", self.disturbed)):
             for seed, case in enumerate(cases):
@@ -302,15 +302,13 @@ class Robots:
                 goals = (end, 1.0, 1.0) if case.at_goal else GOALS.values() if has_goal else (math.nan,) * 3
                 mine |= {"end_step": end, "end_reason": reason, "movement_last": moved}
                 mine |= dict(zip(GOALS, goals, strict=True))
-                mine |= asdict(judge_episode(steps, returns, end, reason, scale, case.at_goal))
                 lives = reason == "survived"
                 rows += [
                     mine | {"step": int(step), "return": total, "alive": lives or step < end}
                     for step, total in zip(steps, returns, strict=True)
                 ]
-        return pl.DataFrame(rows, infer_schema_length=None).select(
-            pl.col(name).cast(kind) for name, kind in COLUMNS.items()
-        )
+        raw = pl.DataFrame(rows, infer_schema_length=None).select(pl.col(name).cast(COLUMNS[name]) for name in RAW)
+        return judge_table(raw, {("ppo", 0): scale})
 
 
 def several(count: int, case: Case, **changes: Any) -> tuple[Case, ...]:

@@ -7,7 +7,7 @@ beside the table, so that other rules can judge stored episodes without a simula
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ from perdure.evaluate.reference import Idle
 from perdure.evaluate.verdict import ScoreScale, judge_episode, make_score_scale, published_rate
 from perdure.policy import Reference
 from perdure.report.schema import COLUMNS, JUDGED, Episodes, read_episodes
+from perdure.report.work import WORK, Curve, with_work
 from perdure.runs import file_digest, write_atomic
 from perdure.schema import Parquet, checked, parquet_bytes
 
@@ -35,8 +36,8 @@ NOTE = "baselines"
 PolicyKey = tuple[str, int]
 """Label and training seed of a policy of a table."""
 Scales = Mapping[PolicyKey, ScoreScale]
-Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""Recorded steps of an episode, and the sum of rewards up to each."""
+_OF_EPISODE = tuple(name for name in JUDGED if name not in WORK)
+"""Judged columns that follow from an episode alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +69,8 @@ def judge_table(frame: pl.DataFrame, scales: Scales) -> pl.DataFrame:
     """Return a table with the columns that are judged, `JUDGED`.
 
     Args:
-        frame: Raw columns, as `episode_table` makes them, episode after episode; they may differ in disturbances and
-            steps.
+        frame: Raw columns of one task, as `episode_table` makes them, episode after episode; they may differ in
+            disturbances and steps.
         scales: The score scale of each policy.
     """
     last = np.flatnonzero(frame["step"] == frame["test_horizon"])
@@ -77,30 +78,53 @@ def judge_table(frame: pl.DataFrame, scales: Scales) -> pl.DataFrame:
     grid = frame["step"].to_numpy()
     returns = frame["return"].to_numpy()
     curves = [(grid[begin:end], returns[begin:end]) for begin, end in zip(begins, last + 1, strict=True)]
-    judged = _judge(frame[last], curves, scales)
+    judged = with_work(_judge(frame[last], curves, scales), curves).select(JUDGED)
     return frame.drop(JUDGED, strict=False).hstack(judged[np.repeat(np.arange(len(last)), last + 1 - begins)])
 
 
-def judge_again(episodes: Episodes, scales: Scales) -> Episodes:
-    """Return the episodes of a stored table with the columns that are judged computed anew."""
-    curves = [(episodes.steps, returns) for returns in episodes.returns]
-    return replace(episodes, facts=episodes.facts.with_columns(_judge(episodes.facts, curves, scales)))
+def judge_again(parts: Sequence[Episodes], scales: Mapping[str, Scales]) -> tuple[Episodes, ...]:
+    """Return the episodes of a stored table with the columns that are judged computed anew.
+
+    Args:
+        parts: All episodes of the table.
+        scales: By task, the score scale of each policy.
+    """
+    judged = [replace(part, facts=_judge(part.facts, _curves(part), scales[part.facts["task"][0]])) for part in parts]
+    return _work_again(judged)
+
+
+def _work_again(parts: Sequence[Episodes]) -> tuple[Episodes, ...]:
+    """Return the episodes with their work: of all columns but `WORK`."""
+    import polars as pl
+
+    curves = [curve for part in parts for curve in _curves(part)]
+    facts = with_work(pl.concat([part.facts for part in parts]), curves)
+    found = []
+    begin = 0
+    for part in parts:
+        found.append(replace(part, facts=facts.slice(begin, len(part.facts))))
+        begin += len(part.facts)
+    return tuple(found)
+
+
+def _curves(part: Episodes) -> list[Curve]:
+    return [(part.steps, returns) for returns in part.returns]
 
 
 def _judge(episodes: pl.DataFrame, curves: Iterable[Curve], scales: Scales) -> pl.DataFrame:
-    """Return the judged columns of episodes, one row for each: of their raw columns and their curves."""
+    """Return episodes, one row for each, with the columns that follow from each of them alone: all but `WORK`."""
     import polars as pl
 
     rows = []
     for episode, (steps, returns) in zip(episodes.iter_rows(named=True), curves, strict=True):
         rows.append(_judged_row(episode, steps, returns, scales))
-    return pl.DataFrame(rows, {name: COLUMNS[name] for name in JUDGED})
+    return episodes.with_columns(pl.DataFrame(rows, {name: COLUMNS[name] for name in _OF_EPISODE}))
 
 
 def _judged_row(
     episode: Mapping[str, Any], steps: NDArray[np.int64], returns: NDArray[np.float64], scales: Scales
 ) -> dict[str, Any]:
-    """Return the judged columns of one episode.
+    """Return the judged columns of one episode but its work.
 
     Args:
         episode: Its raw columns.
@@ -122,13 +146,14 @@ def _judged_row(
         episode["goal_at_end"] == 1.0,
     )
     found = {**vars(scale), **asdict(verdict)}
-    return {name: found[name] for name in JUDGED}
+    return {name: found[name] for name in _OF_EPISODE}
 
 
 def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]:
     """Read a table as its episodes, with the verdicts that the rules of this version give them.
 
-    Without baselines beside it, as of an older version, a table keeps its verdicts. The file is not changed.
+    Without baselines beside it, as of an older version, a table keeps its verdicts, and only the columns that its
+    version lacked are computed. The file is not changed.
 
     Returns:
         (episodes of each task and disturbance, metadata): as `perdure.report.read_episodes`.
@@ -139,7 +164,7 @@ def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]
     found, notes = read_episodes(path)
     file = Path(path).parent / BASELINES
     if NOTE not in notes or not file.is_file():
-        return found, notes
+        return _work_again(found), notes
     if file_digest(file) != notes[NOTE]:
         raise PerdureError(
             f"{file} is damaged or belongs to another table than {path}: run the evaluation again, or remove {file} to "
@@ -148,7 +173,7 @@ def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]
     baselines = read_baselines(file)
     tasks = {part.facts["task"][0] for part in found}
     scales = {task: make_scales(baselines, task) for task in tasks}
-    judged = tuple(judge_again(part, scales[part.facts["task"][0]]) for part in found)
+    judged = judge_again(found, scales)
     changed = sum(
         int((new.facts["outcome"] != old.facts["outcome"]).sum()) for new, old in zip(judged, found, strict=True)
     )

@@ -102,6 +102,10 @@ class Estimate:
     """Share of episodes without a failure so far (Kaplan-Meier), shape (points,); no bounds once an episode is cut."""
     final_score: Interval
     """Score against its own training at the end, ended episodes count 0; shape ()."""
+    work_vs_calm: Interval
+    """Mean work against the policy's own calm rate, see `perdure.report.work`; shape ()."""
+    work_vs_published: Interval
+    """Mean work against a published policy of the task; shape ()."""
     verdict: Verdict
 
     @property
@@ -126,8 +130,6 @@ def estimate_table(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL
 def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
     """Estimate a group: episodes averaged within training runs, intervals over runs (see `perdure.stats`)."""
     kept = thin(group.steps, MOST_POINTS)
-    known = np.isfinite(group.final_score)
-    rows = known if known.any() else np.ones_like(known)
     units = make_units(group.returns[:, kept], group.runs)
     return Estimate(
         group=group,
@@ -135,9 +137,19 @@ def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
         returns=estimate_interval(units, rng),
         return_units=units.values,
         working=_working(group, kept, rng),
-        final_score=mean_interval(group.final_score[rows], group.runs[rows], rng),
+        final_score=_known_mean(group, group.final_score, rng),
+        # Own draws, so that the other intervals do not depend on whether there is work.
+        work_vs_calm=_known_mean(group, group["work_vs_calm"], np.random.default_rng(SEED)),
+        work_vs_published=_known_mean(group, group["work_vs_published"], np.random.default_rng(SEED)),
         verdict=judge(group, rng),
     )
+
+
+def _known_mean(group: Group, values: FloatArray, rng: np.random.Generator) -> Interval:
+    """Return the mean over the episodes whose value is known; nan where none is."""
+    known = np.isfinite(values)
+    rows = known if known.any() else np.ones_like(known)
+    return mean_interval(values[rows], group.runs[rows], rng)
 
 
 def _working(group: Group, kept: IntArray, rng: np.random.Generator) -> Interval:

@@ -421,7 +421,6 @@ def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
 
 def _group(item: Estimate) -> dict[str, Any]:
     group = item.group
-    share = item.verdict.share
     rate = group.failure_rate
     hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
     return {
@@ -434,12 +433,18 @@ def _group(item: Estimate) -> dict[str, Any]:
         "steps": group.test_horizon,
         "verdict": item.verdict.label,
         "outcomes": dict(Counter(group.verdicts)),
-        "share_that_holds": _numbers(estimate=share.estimate, low=share.lower, high=share.upper),
-        "mean_return": _numbers(estimate=item.returns.estimate, low=item.returns.lower, high=item.returns.upper),
+        "share_that_holds": _bounds_of(item.verdict.share),
+        "mean_return": _bounds_of(item.returns),
+        "work_vs_calm": _bounds_of(item.work_vs_calm),
+        "work_vs_published": _bounds_of(item.work_vs_published),
         **_numbers(median_failure_step=group.half_failed_by),
         "failures_per_hour": hourly,
         "measures": medians(group),
     }
+
+
+def _bounds_of(interval: Interval) -> dict[str, float | None]:
+    return _numbers(estimate=interval.estimate, low=interval.lower, high=interval.upper)
 
 
 def _numbers(**values: Any) -> dict[str, float | None]:
