@@ -109,7 +109,8 @@ def _winning(confidence: float) -> float:
 def _log_products(values: FloatArray, span: float, mean: float) -> FloatArray:
     """Return the logarithm of what each bet has made of its wealth, shape (bets,)."""
     gains = (values - mean) / (span + mean)  # at least -1: a bet never loses more than it put in
-    return np.log1p(BETS[:, None] * gains).sum(axis=1)
+    products: FloatArray = np.log1p(BETS[:, None] * gains).sum(axis=1)
+    return products
 
 
 def _log_mean(logarithms: FloatArray) -> float:

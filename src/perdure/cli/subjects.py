@@ -19,7 +19,14 @@ if TYPE_CHECKING:
 def policy_files(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Return one file for each policy; models of Stable-Baselines3 are imported once, into a folder of `out`.
+    """Return one file for each policy; see `policy_sides`."""
+    return tuple(file for side in policy_sides(names, env, sb3, horizon, out, modules) for file in side)
+
+
+def policy_sides(
+    names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
+) -> list[tuple[Path, ...]]:
+    """Return the files that each word names; models of Stable-Baselines3 are imported once, into a folder of `out`.
 
     Args:
         names: As on the command line.
@@ -31,10 +38,8 @@ def policy_files(
     """
     from perdure.policy.onnx import is_onnx
 
-    found: list[Path | FoundModel] = []
-    for name in names:
-        found += _found(name)
-    models = [each for each in found if not isinstance(each, Path)]
+    found = [_found(name) for name in names]
+    models = [each for side in found for each in side if not isinstance(each, Path)]
     if sb3["normalizer"] and len(models) > 1:
         raise PerdureError(
             f"--normalizer {sb3['normalizer']}: it belongs to one model, and {len(models)} are given: evaluate one at "
@@ -46,18 +51,21 @@ def policy_files(
     given = [name for name, value in options.items() if value not in (None, False)]
     if given and names and not models:
         _refuse_flags(given, names)
-    files = list[Path]()
-    for each in found:
-        if isinstance(each, Path):
-            files.append(each)
-        else:
-            files.append(_imported(each, env, {"training_horizon": horizon, **sb3}, out, modules))
-    return tuple(files)
+    sides = []
+    for side in found:
+        files = list[Path]()
+        for each in side:
+            if isinstance(each, Path):
+                files.append(each)
+            else:
+                files.append(_imported(each, env, {"training_horizon": horizon, **sb3}, out, modules))
+        sides.append(tuple(files))
+    return sides
 
 
 def _found(name: str) -> Sequence[Path | FoundModel]:
     """Return the policy file, the ONNX model or the models of Stable-Baselines3 that a word names."""
-    from perdure.policy import find_policy
+    from perdure.policy import find_policies
     from perdure.policy.onnx import is_onnx
 
     path = Path(name)
@@ -69,7 +77,7 @@ def _found(name: str) -> Sequence[Path | FoundModel]:
         models = find_models(path, _tell)
         if models:
             return models
-    return [find_policy(name)]
+    return find_policies(name)
 
 
 def _refuse_flags(flags: Sequence[str], names: Sequence[str]) -> None:
