@@ -262,7 +262,8 @@ def _notes(frame: pl.DataFrame) -> tuple[str, ...]:
 
 
 def _differences(left: pl.DataFrame, right: pl.DataFrame, measure: str) -> FloatArray:
-    return right[measure].to_numpy() - left[measure].to_numpy()
+    differences: FloatArray = right[measure].to_numpy() - left[measure].to_numpy()
+    return differences
 
 
 def _paired_rows(
