@@ -66,8 +66,8 @@ def compare(flags: Flags, command: str) -> None:
         result = _run(flags, command)
     page = flags.out / PAGE
     if flags.json:
-        answer = ranking_document(result.ranking) if isinstance(result, RankingResult) else _document(result)
-        print(document_text(answer, table=result.path, page=page))
+        assert result.path is not None
+        print(document_text(_document(result), table=result.path, page=page))
     else:
         print(f"{result}\n\nReport: {page.resolve()}")
     if isinstance(result, ComparisonResult) and not result.met:
@@ -75,7 +75,9 @@ def compare(flags: Flags, command: str) -> None:
         raise SystemExit(NOT_HOLDING)
 
 
-def _document(result: ComparisonResult) -> dict[str, Any]:
+def _document(result: ComparisonResult | RankingResult) -> dict[str, Any]:
+    if isinstance(result, RankingResult):
+        return ranking_document(result.ranking)
     return {**summary_document(result.summary), "not_worse": result.not_worse}
 
 
@@ -89,8 +91,8 @@ def _run(flags: Flags, command: str) -> ComparisonResult | RankingResult:
         sides = [load_function(name) if is_function(name) else name for name in names]
     else:
         sb3 = {"normalizer": flags.normalizer, "time_feature": flags.time_feature, "trust": flags.trust}
-        sides = list(policy_sides(names, flags.env, sb3, flags.training_horizon, flags.out, flags.modules))
-        sides = [side[0] if len(side) == 1 else list(side) for side in sides]
+        found = policy_sides(names, flags.env, sb3, flags.training_horizon, flags.out, flags.modules)
+        sides = [list(side) for side in found]
     asked = _options(flags, names)
     if flags.require is not None and len(sides) != 2:
         raise PerdureError("--require needs two sides, A and B")
@@ -107,7 +109,8 @@ def _options(flags: Flags, names: Sequence[str]) -> Flags:
     modules = flags.modules
     if flags.env is not None:
         named = module_of(task_of_environment(flags.env))
-        modules += () if named is None else (named,)
+        if named is not None:
+            modules += (named,)
     if any(is_function(name) or is_onnx(name) for name in names):
         return replace(flags, policies=(), modules=modules)
     return replace(flags, policies=(), modules=modules, env=None, training_horizon=None)

@@ -7,6 +7,7 @@ Several training runs a side, and policies that are ranked, get a fixed number o
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -265,7 +266,9 @@ def _with_seeds(conditions: Sequence[Condition], count: int) -> list[Condition]:
 def _side(given: Side) -> list[Any]:
     """Return the policies that a side names."""
     if isinstance(given, str | Path):
-        return [Path(given)] if is_onnx(given) else list(find_policies(given))
+        if is_onnx(given):
+            return [Path(given)]
+        return list(find_policies(given))
     if isinstance(given, Sequence):
         return [each for part in given for each in _side(part)]
     return [given]
@@ -281,7 +284,9 @@ def _name(given: Side, subjects: Sequence[Subject]) -> str:
     if len(labels) == 1:
         return labels.pop()
     if isinstance(given, str | Path):
-        return str(given)
+        return Path(given).name
+    if all(isinstance(each, str | Path) for each in given):
+        return Path(os.path.commonpath(given)).name
     return f"{len(subjects)} policies"
 
 
@@ -291,7 +296,8 @@ def _opened(policies: Sequence[Any], env: Any, asked: Comparison) -> Iterator[tu
 
     Policy files, and ONNX models with the name of an environment, run over the cores; everything else in this process.
     """
-    env = asked.env if env is None else env
+    if env is None:
+        env = asked.env
     of_files = all(isinstance(each, Path) for each in policies)
     models = of_files and any(is_onnx(each) for each in policies)
     if of_files and (env is None or (isinstance(env, str) and models)):

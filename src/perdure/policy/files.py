@@ -186,10 +186,10 @@ def find_policies(name: str | Path) -> tuple[Path, ...]:
     return (find_policy(name),)
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
-    """Return what sorts seed-2 before seed-10."""
-    parts = re.split(r"(\d+)", path.as_posix())
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+def _by_number(path: Path) -> list[tuple[str, int]]:
+    """Return what sorts seed-2 before seed-10: words, each with the number after it."""
+    found = re.findall(r"(\D*)(\d*)", path.as_posix())
+    return [(word, int(number or -1)) for word, number in found]
 
 
 def shipped_policies() -> dict[str, Path]:

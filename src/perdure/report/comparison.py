@@ -49,6 +49,8 @@ PolicyKey = tuple[str, int]
 BETTER = "better"
 WORSE = "worse"
 CANNOT_TELL = "cannot tell"
+START_STATES = "start state"
+RUNS = "training run"
 LEVEL = 1.0 - CONFIDENCE
 SEED = 0
 """Seed of the bootstrap: the same table gives the same intervals."""
@@ -112,8 +114,9 @@ def _work(last: pl.DataFrame) -> FloatArray:
     import polars as pl
 
     worked = last.filter(pl.col("policy_state") == WORKED)
-    rates = worked if len(worked) else last
-    reference = float(rates["calm_rate"].to_numpy().max())
+    if worked.is_empty():
+        worked = last
+    reference = float(worked["calm_rate"].to_numpy().max())
     earned = last["return"].to_numpy()
     work = episode_work(earned, last["end_step"], last["test_horizon"], last["idle_rate"], reference)
     return np.clip(work, 0.0, MEASURES["work"].span)
@@ -152,7 +155,9 @@ class Row:
     @property
     def words(self) -> str:
         """Heading of the measure."""
-        return MEASURES[self.measure].words if self.measure in MEASURES else self.measure
+        if self.measure in MEASURES:
+            return MEASURES[self.measure].words
+        return self.measure
 
 
 @dataclass(frozen=True)
@@ -174,8 +179,8 @@ class Summary:
     counts: tuple[int, int]
     """Start states, or training runs, of each side."""
     rows: tuple[Row, ...]
-    unit: str = "start state"
-    """Or "training run"."""
+    unit: str = START_STATES
+    """Or `RUNS`."""
     notes: tuple[str, ...] = ()
 
     @property
@@ -232,7 +237,12 @@ def compare_policies(frame: pl.DataFrame, a: PolicyKey, b: PolicyKey, by: str) -
 def _names(keys: Sequence[PolicyKey]) -> list[str]:
     """Return a name for each policy: its label, with the training seed where labels are the same."""
     labels = [label for label, _ in keys]
-    return [label if labels.count(label) == 1 else f"{label}, training seed {seed}" for label, seed in keys]
+    names = []
+    for label, seed in keys:
+        if labels.count(label) > 1:
+            label = f"{label}, training seed {seed}"
+        names.append(label)
+    return names
 
 
 def _verdict(low: float, high: float) -> str:
@@ -247,8 +257,12 @@ def _verdict(low: float, high: float) -> str:
 def _check_known(frame: pl.DataFrame, differences: FloatArray, by: str) -> None:
     """Refuse a measure that says nothing in this task."""
     ends_at_goal = bool(frame["outcome"].is_in(outcome_words(by_goal=True)).any())
-    if by == "work" and (ends_at_goal or not np.isfinite(differences).all()):
-        why = "the task ends episodes at the goal" if ends_at_goal else "no policy here earns more than an idle robot"
+    why = ""
+    if by == "work" and not np.isfinite(differences).all():
+        why = "no policy here earns more than an idle robot"
+    if by == "work" and ends_at_goal:
+        why = "the task ends episodes at the goal"
+    if why:
         raise PerdureError(f"work says nothing, because {why}: compare by another measure, --by holds or --by hours")
 
 
@@ -367,8 +381,10 @@ def compare_methods(
     p = permutation_p(left, right)
     verdict = CANNOT_TELL
     more = 0.0
-    if p <= LEVEL:
-        verdict = BETTER if right.mean() > left.mean() else WORSE
+    if p <= LEVEL and right.mean() > left.mean():
+        verdict = BETTER
+    elif p <= LEVEL:
+        verdict = WORSE
     else:
         more = max(1.0, runs_for_power(left, right) - min(len(left), len(right)))
     return Summary(
@@ -381,7 +397,7 @@ def compare_methods(
         more=more,
         counts=(len(left), len(right)),
         rows=tuple(rows),
-        unit="training run",
+        unit=RUNS,
         notes=(f"permutation test over training runs: p = {p:.2g}", *_notes(frame)),
     )
 

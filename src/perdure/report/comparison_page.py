@@ -11,7 +11,17 @@ from typing import Any
 
 from perdure.disturbances import CALM
 from perdure.report import wording
-from perdure.report.comparison import BETTER, CANNOT_TELL, FAILURES, MEASURES, Ranking, Row, Summary, bounds
+from perdure.report.comparison import (
+    BETTER,
+    CANNOT_TELL,
+    FAILURES,
+    MEASURES,
+    RUNS,
+    START_STATES,
+    Ranking,
+    Summary,
+    bounds,
+)
 from perdure.report.page import commands, header, page, table
 from perdure.runs import write_atomic
 from perdure.stats import Interval
@@ -52,14 +62,16 @@ def more_words(summary: Summary) -> str:
     """Return how many more start states or runs would decide; "" if it is decided."""
     if summary.verdict != CANNOT_TELL:
         return ""
-    a_side = " a side" if summary.unit != "start state" else ""
+    a_side = ""
+    if summary.unit == RUNS:
+        a_side = " a side"
     if summary.more > MOST_MORE:
         return f"more than {MOST_MORE:,} more {summary.unit}s{a_side} would be needed"
     return f"about {wording.count(int(summary.more), f'more {summary.unit}')}{a_side} would decide"
 
 
 def _counted(summary: Summary) -> str:
-    if summary.unit == "start state":
+    if summary.unit == START_STATES:
         return wording.count(summary.counts[0], summary.unit)
     return f"{summary.counts[0]} and {wording.count(summary.counts[1], summary.unit)}"
 
@@ -124,14 +136,12 @@ def _headings(summary: Summary) -> tuple[str, ...]:
 
 def _table_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
     for row in summary.rows:
-        decides = " (decides)" if row == summary.deciding else ""
-        words = row.words + decides
+        words = row.words
+        if row == summary.deciding:
+            words = f"{words} (decides)"
+        condition = {CALM: "calm"}.get(row.condition, row.condition)
         sides = (_cell(row.a, row.measure), _cell(row.b, row.measure))
-        yield _calm(row), words, *sides, _cell(row.difference, row.measure, signed=True)
-
-
-def _calm(row: Row) -> str:
-    return "calm" if row.condition == CALM else row.condition
+        yield condition, words, *sides, _cell(row.difference, row.measure, signed=True)
 
 
 def _ranking_rows(ranking: Ranking) -> Iterator[tuple[str, ...]]:
@@ -178,7 +188,7 @@ def summary_document(summary: Summary) -> dict[str, Any]:
         "by": summary.by,
         "condition": summary.condition,
         "verdict": summary.verdict,
-        "more": summary.more if math.isfinite(summary.more) else None,
+        **_known({"more": summary.more}),
         "unit": summary.unit,
         "counts": list(summary.counts),
         "measures": rows,
@@ -206,9 +216,9 @@ def _known(numbers: dict[str, float]) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in numbers.items()}
 
 
-def document_text(document: dict[str, Any], **paths: Path | None) -> str:
+def document_text(document: dict[str, Any], **paths: Path) -> str:
     """Return a document as JSON, with the paths of the files that were written."""
-    named = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
+    named = {name: str(path.resolve()) for name, path in paths.items()}
     return json.dumps(document | named, indent=2, allow_nan=False)
 
 
@@ -221,13 +231,15 @@ def write_page(result: Summary | Ranking, out: str | os.PathLike[str], command: 
         command: What made it.
         made: What it was made with.
     """
-    confirmed = result.confirmed if isinstance(result, Ranking) else result
-    numbers = table("Measures", _headings(confirmed), list(_table_rows(confirmed)), _note(confirmed))
     if isinstance(result, Ranking):
+        confirmed = result.confirmed
+        numbers = _measures_table(confirmed)
         title = f"{len(result.policies)} policies on {result.task}: which is best?"
         first = table("Ranking", _ranking_headings(result), list(_ranking_rows(result)), SELECTED)
         parts = [header(result.task, ranking_headline(result), [SELECTED]), first, numbers]
     else:
+        confirmed = result
+        numbers = _measures_table(confirmed)
         title = f"{result.a} and {result.b} on {result.task}: which is better?"
         parts = [header(result.task, headline(result), list(result.notes)), numbers]
     if confirmed.verdict == CANNOT_TELL:
@@ -237,5 +249,6 @@ def write_page(result: Summary | Ranking, out: str | os.PathLike[str], command: 
     return write_atomic(folder / PAGE, page(title, parts, command, made))
 
 
-def _note(summary: Summary) -> str:
-    return RUNS_NOTE if summary.unit == "training run" else NOTE
+def _measures_table(summary: Summary) -> str:
+    notes = {START_STATES: NOTE, RUNS: RUNS_NOTE}
+    return table("Measures", _headings(summary), list(_table_rows(summary)), notes[summary.unit])
