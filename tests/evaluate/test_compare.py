@@ -158,6 +158,15 @@ class TestMethods:
         assert result.more == 1.0
         assert "1 more training run a side" in str(result)
 
+    def test_runs_that_overlap_are_not_told_apart(self):
+        slow = [walk(speed) for speed in (0.2, 0.4, 0.6, 0.8)]
+        fast = [walk(speed) for speed in (0.3, 0.5, 0.7, 0.9)]
+        result = compare(slow, fast, **WALK, eval_seeds=2)
+        assert result.verdict == "cannot tell"
+        # By the power calculation: (1.96 + 0.84)^2 x 2 variances / 0.1^2 runs a side.
+        variance = np.var([0.2, 0.4, 0.6, 0.8], ddof=1)
+        assert result.more == pytest.approx((1.96 + 0.8416) ** 2 * 2 * variance / 0.1**2 - 4, abs=1)
+
     def test_one_policy_is_not_compared_with_a_method(self):
         with pytest.raises(PerdureError, match="1 and B 2 policies"):
             compare(walk(0.8), [walk(0.4), walk(0.5)], **WALK)
@@ -175,23 +184,31 @@ class TestRanking:
         document = json.loads(document_text(ranking_document(result.ranking)))
         assert document["policies"][0]["value"]["estimate"] == pytest.approx(1.0)
 
+    def test_fresh_start_states_are_fresh_for_calm_episodes_too(self):
+        options = {**WALK, "disturb": "action_noise:0.01", "eval_seeds": 2, "most": 3}
+        found = rank([walk(0.4), walk(0.8)], **options).frame.select("policy", "disturbance", "eval_seed").unique()
+        seeds = found.filter(pl.col("disturbance") != "none").group_by("eval_seed").len().sort("eval_seed")
+        assert seeds["eval_seed"].to_list() == [0, 1, 8, 9, 10]
+        assert found.filter(disturbance="none")["eval_seed"].max() == 15
+
     def test_one_policy_is_no_ranking(self):
         with pytest.raises(PerdureError, match="one policy"):
             rank([walk(0.4)], **WALK)
 
 
-class TestFiles:
-    @pytest.fixture(scope="class")
-    def folder(self, tmp_path_factory):
-        """Two methods with two training runs each, as `perdure train` writes them."""
-        folder = tmp_path_factory.mktemp("runs")
-        task = perdure.load_policy("Hopper-v3/ppo").task
-        for method, seed in (("ppo", 2), ("ppo", 10), ("geometric", 2)):
-            policy = policy_for(task, seed=seed, method=method)
-            (folder / method / f"seed-{seed}").mkdir(parents=True)
-            save_policy(policy, folder / method / f"seed-{seed}" / "policy.safetensors")
-        return folder
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two methods with two training runs each, as `perdure train` writes them."""
+    folder = tmp_path_factory.mktemp("runs")
+    task = perdure.load_policy("Hopper-v3/ppo").task
+    for method, seed in (("ppo", 2), ("ppo", 10), ("geometric", 2)):
+        policy = policy_for(task, seed=seed, method=method)
+        (folder / method / f"seed-{seed}").mkdir(parents=True)
+        save_policy(policy, folder / method / f"seed-{seed}" / "policy.safetensors")
+    return folder
 
+
+class TestFiles:
     def test_a_folder_of_training_runs_is_several_policies(self, folder):
         found = find_policies(folder / "ppo")
         assert [path.parent.name for path in found] == ["seed-2", "seed-10"]

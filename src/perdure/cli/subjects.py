@@ -19,17 +19,32 @@ if TYPE_CHECKING:
 def policy_files(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Return one file for each policy; see `policy_sides`."""
-    return tuple(file for side in policy_sides(names, env, sb3, horizon, out, modules) for file in side)
+    """Return one file for each policy; see `_sides`. A folder of several policy files is refused."""
+    sides = _sides([_found(name) for name in names], names, env, sb3, horizon, out, modules)
+    return tuple(file for side in sides for file in side)
 
 
 def policy_sides(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
 ) -> list[tuple[Path, ...]]:
-    """Return the files that each word names; models of Stable-Baselines3 are imported once, into a folder of `out`.
+    """Return the files that each word names: several for a folder of training runs; see `_sides`."""
+    return _sides([_found_all(name) for name in names], names, env, sb3, horizon, out, modules)
+
+
+def _sides(
+    found: Sequence[Sequence[Path | FoundModel]],
+    names: Sequence[str],
+    env: str | None,
+    sb3: dict[str, Any],
+    horizon: int | None,
+    out: Path,
+    modules: Sequence[str],
+) -> list[tuple[Path, ...]]:
+    """Return the files of what was found; models of Stable-Baselines3 are imported once, into a folder of `out`.
 
     Args:
-        names: As on the command line.
+        found: What each word names.
+        names: The words, as on the command line.
         env: Environment of models; None: what their own files say.
         sb3: Flags of models of Stable-Baselines3: normalizer, time_feature, trust.
         horizon: Training horizon of models.
@@ -38,7 +53,6 @@ def policy_sides(
     """
     from perdure.policy.onnx import is_onnx
 
-    found = [_found(name) for name in names]
     models = [each for side in found for each in side if not isinstance(each, Path)]
     if sb3["normalizer"] and len(models) > 1:
         raise PerdureError(
@@ -63,9 +77,18 @@ def policy_sides(
     return sides
 
 
+def _found_all(name: str) -> Sequence[Path | FoundModel]:
+    """Return what `_found` does, and every policy file of a folder."""
+    from perdure.policy import find_policies
+
+    if Path(name).is_dir() and (any(Path(name).glob("*.safetensors")) or any(Path(name).glob("*/*.safetensors"))):
+        return find_policies(name)
+    return _found(name)
+
+
 def _found(name: str) -> Sequence[Path | FoundModel]:
     """Return the policy file, the ONNX model or the models of Stable-Baselines3 that a word names."""
-    from perdure.policy import find_policies
+    from perdure.policy import find_policy
     from perdure.policy.onnx import is_onnx
 
     path = Path(name)
@@ -77,7 +100,7 @@ def _found(name: str) -> Sequence[Path | FoundModel]:
         models = find_models(path, _tell)
         if models:
             return models
-    return find_policies(name)
+    return [find_policy(name)]
 
 
 def _refuse_flags(flags: Sequence[str], names: Sequence[str]) -> None:

@@ -229,7 +229,7 @@ def rank(
             frame, _ = evaluator.judged(_with_seeds(evaluator.conditions, seeds))
         order, ranked = rank_policies(frame, keys, asked.by)
         # The winner was selected: its number is too high. It meets the second again, on other start states.
-        fresh = replace(asked, first_eval_seed=asked.first_eval_seed + seeds)
+        fresh = replace(asked, first_eval_seed=asked.first_eval_seed + max(seeds, CALM_SEEDS))
         finalists = [subjects[keys.index(key)] for key in (order[1], order[0])]
         with open_evaluator(finalists, worlds, fresh, where) as evaluator:
             again, confirmed = _until_decided(evaluator, fresh, order[1], order[0])

@@ -353,7 +353,7 @@ def compare_methods(
 ) -> Summary:
     """Compare the training runs of two methods; a run's value is the mean over its episodes.
 
-    A permutation test over runs at 5 % decides. The intervals are Welch's; both may differ in a close case.
+    It is decided if a permutation test over runs at 5 % and Welch's interval agree.
 
     Args:
         frame: Of one task. The last condition that it names decides.
@@ -381,11 +381,10 @@ def compare_methods(
     p = permutation_p(left, right)
     verdict = CANNOT_TELL
     more = 0.0
-    if p <= LEVEL and right.mean() > left.mean():
-        verdict = BETTER
-    elif p <= LEVEL:
-        verdict = WORSE
-    else:
+    if p <= LEVEL:
+        row = next(each for each in rows if (each.condition, each.measure) == (deciding, by))
+        verdict = _verdict(*row.difference.last())
+    if verdict == CANNOT_TELL:
         more = max(1.0, runs_for_power(left, right) - min(len(left), len(right)))
     return Summary(
         task=frame["task"][0],
@@ -422,6 +421,11 @@ def _row_of_runs(condition: str, name: str, left: FloatArray, right: FloatArray)
     found = compare_unpaired(right, left)
     numbers = (np.array(found.estimate), np.array(found.lower), np.array(found.upper))
     difference = Interval(*numbers, TRAINING_SEEDS, found.count, WELCH)
+    if name in MEASURES:
+        most = MEASURES[name].span
+        a = a.within(0.0, most)
+        b = b.within(0.0, most)
+        difference = difference.within(-most, most)
     return Row(condition, name, replace(a, label=TRAINING_SEEDS), replace(b, label=TRAINING_SEEDS), difference)
 
 
