@@ -121,7 +121,7 @@ SETTLING = (
     Settling("drone, on its way for ever", "fails", DRONE, steady(-19.0, 1.0), -100.0),
     Settling(
         "drone, away more than half of the time",
-        "holds, but",
+        "fails",
         DRONE,
         bouts(0.6, 80, steady(0.0, 0.2), steady(-20.0, 1.0)),
         -100.0,
