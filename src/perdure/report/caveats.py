@@ -8,6 +8,7 @@ package. Caveats never change an outcome: a policy with caveats still holds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,7 +18,7 @@ import numpy as np
 from perdure.registry import Registered
 from perdure.report import wording
 from perdure.report.groups import Group, medians
-from perdure.stats import Interval
+from perdure.stats import FloatArray, Interval
 
 CROOKED_FROM = 10.0
 """Degrees a minute that a robot that walks straight may turn from its commanded heading."""
@@ -26,7 +27,7 @@ DRIFTS_FROM = 5.0
 CALM_WORK = 0.75
 """Least work, as a share of the policy's own when calm."""
 INTERRUPTED = 0.05
-"""Share of windows that may score too low to hold, beyond that share in training."""
+"""Share of windows that may score too low to hold, beyond that share when calm."""
 FEWEST_DISTURBED = 6
 """Disturbed episodes: if all of so many hold, the 95 % interval of the share that holds lies above one half."""
 HALF = 0.5
@@ -46,6 +47,21 @@ class Held:
     """Mean work against the policy's own calm rate, with its 95 % interval."""
     disturbed: int
     """Disturbed episodes of the same policy and clock."""
+    calm: Group | None = None
+    """Calm episodes of the same policy and clock; None: there are none."""
+
+    @property
+    def usual_low_share(self) -> float:
+        """Mean share of windows that score too low when calm; without calm episodes, in training; nan: unknown."""
+        if self.calm is not None and not self.group.calm:
+            return _known_mean(self.calm["low_share"])
+        return _known_mean(self.group["training_low_share"])
+
+
+def _known_mean(values: FloatArray) -> float:
+    """Return the mean of the values that are known; nan where none is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else math.nan
 
 
 class Caveat(Registered):
@@ -113,21 +129,18 @@ class Interrupted(Caveat):
     name = "is interrupted"
     order = 3
     meaning = (
-        "the share of the windows after settling that score too low to hold is larger than in training by more than "
-        f"{INTERRUPTED:g}"
+        "the share of the windows after settling that score too low to hold is larger than in calm episodes (without "
+        f"any: than in training) by more than {INTERRUPTED:g}"
     )
 
     def reason(self, held: Held) -> str:
         """Return for how much of the time it scores too low."""
-        shares = held.group["low_share"]
-        extra = shares - held.group["training_low_share"]
-        known = np.isfinite(extra)
-        if not known.any() or not extra[known].mean() > INTERRUPTED:
+        share = _known_mean(held.group["low_share"])
+        usual = held.usual_low_share
+        if not share - usual > INTERRUPTED:
             return ""
-        training = float(shares[known].mean() - extra[known].mean())
-        return (
-            f"scores too low {wording.share(shares[known].mean())} of the time (in training {wording.share(training)})"
-        )
+        usually = "in training" if held.calm is None or held.group.calm else "when calm"
+        return f"scores too low {wording.share(share)} of the time ({usually} {wording.share(usual)})"
 
 
 class FewDisturbed(Caveat):

@@ -131,15 +131,19 @@ def estimate_table(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL
 def _with_caveats(estimates: Sequence[Estimate]) -> list[Estimate]:
     """Return the estimates of a task, with the caveats of the groups that hold."""
     disturbed = Counter[str]()
+    calm = dict[str, Group]()
     for item in estimates:
-        if not item.group.calm:
+        if item.group.calm:
+            calm[item.group.policy_and_clock] = item.group
+        else:
             disturbed[item.group.policy_and_clock] += item.group.episodes
     found = []
     for item in estimates:
         caveats = dict[str, str]()
         if item.verdict.good:
-            count = disturbed[item.group.policy_and_clock]
-            caveats = find_caveats(Held(item.group, item.verdict.share, item.work_vs_calm, count))
+            who = item.group.policy_and_clock
+            held = Held(item.group, item.verdict.share, item.work_vs_calm, disturbed[who], calm.get(who))
+            caveats = find_caveats(held)
         found.append(replace(item, verdict=replace(item.verdict, caveats=caveats)))
     return found
 
