@@ -50,16 +50,20 @@ class Case:
     """Its last step is a success, the first one."""
     falls_within: int | None = None
     """Step at which its reference episodes end."""
+    every_other_falls: int | None = None
+    """Step at which every other reference episode ends."""
+    horizon: int = T
 
     def reference(self) -> Reference:
         rng = np.random.default_rng(abs(hash_of(self.name)))
-        length = self.falls_within or T
-        rewards = np.zeros((EPISODES, T))
-        for episode in range(EPISODES):
+        lengths = np.full(EPISODES, self.falls_within or self.horizon)
+        lengths[::2] = self.every_other_falls or lengths[0]
+        rewards = np.zeros((EPISODES, self.horizon))
+        for episode, length in enumerate(lengths):
             rewards[episode, :length] = self.within(np.arange(1, length + 1), rng)
-        bins = rewards.reshape(EPISODES, T // BIN_STEPS, BIN_STEPS).sum(axis=2)
-        ended = np.full(EPISODES, self.falls_within is not None)
-        return Reference(T, bins, np.full(EPISODES, length), ended, np.zeros(1), np.ones(1))
+        bins = rewards.reshape(EPISODES, self.horizon // BIN_STEPS, BIN_STEPS).sum(axis=2)
+        ended = (lengths < self.horizon) | (self.falls_within is not None)
+        return Reference(self.horizon, bins, lengths, ended, np.zeros(1), np.ones(1))
 
     def episode(self) -> tuple[np.ndarray, np.ndarray, int, str]:
         """Steps, returns, end step and end reason of one long episode."""
@@ -290,7 +294,8 @@ class Robots:
         first = self.episodes[0]
         scale = make_score_scale(first.reference(), Idle(first.idle, first.idle - first.spread), first.task)
         kind, _, number = self.clock.rstrip(")").partition("(")
-        labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0, "train_horizon": float(T)}
+        labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0}
+        labels |= {"train_horizon": float(first.horizon)}
         labels |= {"clock": self.clock, "clock_kind": kind, "clock_steps": float(number or math.nan), "end_detail": ""}
         labels |= {"not_applied": "", "step_seconds": 0.036, "movement_first": 0.3}
         rows, has_goal = [], any(case.at_goal for case in (*self.episodes, *self.disturbed))

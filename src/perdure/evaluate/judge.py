@@ -6,6 +6,7 @@ beside the table, so that other rules can judge stored episodes without a simula
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -48,13 +49,34 @@ class Baseline:
     """The policy within its training horizon."""
     idle: Idle
     """An idle robot in the same task."""
+    other_engine: str = ""
+    """In what it was trained and in what it is judged, if these differ, see `other_engine`."""
 
     def scale(self, task: str) -> ScoreScale:
         """Return the score scale of the policy in a task, such as "Hopper-v3"."""
-        return make_score_scale(self.reference, self.idle, published_rate(task), is_contract(task))
+        scale = make_score_scale(self.reference, self.idle, published_rate(task), is_contract(task))
+        return replace(scale, idle_steps=self.idle.steps, other_engine=self.other_engine)
 
 
 Baselines = Mapping[PolicyKey, Baseline]
+_MUJOCO = re.compile(r"MuJoCo (\d+\.\d+\.\d+)")
+
+
+def other_engine(trained: str, judged: str) -> str:
+    """Return in what a policy was trained and is judged, if its versions of MuJoCo differ; "" if not, or unknown.
+
+    What is around MuJoCo does not count: tasks of EnvPool and Gymnasium are equal to 1e-9, Humanoid to 1e-7.
+
+    Args:
+        trained: Engine of the training, such as "EnvPool 1.2.5, MuJoCo 3.6.0", or "".
+        judged: That of the evaluation.
+    """
+    before = _MUJOCO.search(trained)
+    now = _MUJOCO.search(judged)
+    versions = [None if found is None else found[1] for found in (before, now)]
+    if not trained or versions[0] == versions[1]:
+        return ""
+    return f"trained in {trained}, judged in {judged}"
 
 
 def make_scales(baselines: Baselines, task: str) -> Scales:
@@ -201,7 +223,14 @@ def _columns() -> dict[str, Any]:
         "idle_zero": pl.Float64(),
         "idle_random": pl.Float64(),
         "idle_discrete": pl.Boolean(),
+        "idle_zero_steps": pl.Float64(),
+        "idle_random_steps": pl.Float64(),
+        "other_engine": pl.String(),
     }
+
+
+_ADDED = {"idle_zero_steps": None, "idle_random_steps": None, "other_engine": ""}
+"""Columns that files of earlier versions lack, and what they then hold."""
 
 
 def write_baselines(folder: Path, baselines: Baselines) -> dict[str, str]:
@@ -225,6 +254,9 @@ def write_baselines(folder: Path, baselines: Baselines) -> dict[str, str]:
                 "idle_zero": baseline.idle.zero,
                 "idle_random": baseline.idle.random,
                 "idle_discrete": baseline.idle.discrete,
+                "idle_zero_steps": baseline.idle.zero_steps,
+                "idle_random_steps": baseline.idle.random_steps,
+                "other_engine": baseline.other_engine,
             }
         )
     path = write_atomic(folder / BASELINES, parquet_bytes(pl.DataFrame(rows, _columns())))
@@ -239,7 +271,8 @@ def read_baselines(path: Path) -> dict[PolicyKey, Baseline]:
     """
     try:
         parquet = Parquet(path.read_bytes())
-        if parquet.columns != _columns():
+        expected = {name: kind for name, kind in _columns().items() if name in parquet.columns or name not in _ADDED}
+        if parquet.columns != expected:
             raise PerdureError(f"its columns must be {', '.join(_columns())}")
         return dict(_baselines(parquet.read().iter_rows(named=True)))
     except (PerdureError, TypeError, ValueError) as error:
@@ -250,6 +283,7 @@ def _baselines(rows: Iterable[dict[str, Any]]) -> Iterable[tuple[PolicyKey, Base
     """Yield the baseline of each row of the file."""
     unseen = np.zeros(0)
     for row in rows:
+        row = _ADDED | row
         lengths = np.array(row["lengths"], np.int64)
         reference = Reference(
             row["horizon"],
@@ -259,5 +293,6 @@ def _baselines(rows: Iterable[dict[str, Any]]) -> Iterable[tuple[PolicyKey, Base
             unseen,
             unseen,
         )
-        idle = {"zero": row["idle_zero"], "random": row["idle_random"], "discrete": row["idle_discrete"]}
-        yield (row["policy"], row["train_seed"]), Baseline(reference, checked(idle, Idle, "idle robot"))
+        idle = {name.removeprefix("idle_"): value for name, value in row.items() if name.startswith("idle_")}
+        baseline = Baseline(reference, checked(idle, Idle, "idle robot"), row["other_engine"])
+        yield (row["policy"], row["train_seed"]), baseline

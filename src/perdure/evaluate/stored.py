@@ -22,7 +22,7 @@ from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.early import parts, why_stopped
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
-from perdure.evaluate.judge import Baseline, Baselines, PolicyKey, judge_table, make_scales
+from perdure.evaluate.judge import Baseline, Baselines, PolicyKey, judge_table, make_scales, other_engine
 from perdure.evaluate.options import Condition, Extrapolation
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
@@ -205,6 +205,8 @@ class Evaluator:
     """All policies are of files, which other processes can read."""
     conditions: Sequence[Condition]
     """Those that the evaluation names, as far as the environment can do them."""
+    engine: str
+    """Of the environment, see `TaskSpec.engine`."""
 
     def episodes(self, conditions: Sequence[Condition]) -> list[EpisodeSpec]:
         """Return the episodes of these conditions."""
@@ -220,7 +222,7 @@ class Evaluator:
         groups.run(self.evaluation.max_episodes, self.execution, keep_going=self.of_files)
         # The table: raw columns of all episodes, then the verdicts.
         raw = with_not_applied(groups.table(), conditions)
-        baselines = groups.baselines()
+        baselines = groups.baselines(self.engine)
         return judge_table(raw, make_scales(baselines, self.subjects[0].policy.task.name)), baselines
 
 
@@ -248,7 +250,7 @@ def open_evaluator(
             store = Store(stack.enter_context(tempfile.TemporaryDirectory()))
         if not of_files:
             execution = replace(execution, on="here", cores=1)
-        yield Evaluator(subjects, worlds, evaluation, execution, store, of_files, conditions)
+        yield Evaluator(subjects, worlds, evaluation, execution, store, of_files, conditions, spec.engine)
 
 
 def _refuse_replacing(store: Store, subjects: Sequence[Subject], episodes: Sequence[EpisodeSpec], success: str) -> None:
@@ -328,8 +330,8 @@ class _Groups:
         self._store.warn_of_other_source(dict.fromkeys(finished[key] for key in keys if key in finished))
         run_missing(units, self._store.root, execution.on, execution.cores, execution.observe, keep_going=keep_going)
 
-    def baselines(self) -> dict[PolicyKey, Baseline]:
-        """Return what the rewards of each policy are compared with."""
+    def baselines(self, engine: str) -> dict[PolicyKey, Baseline]:
+        """Return what the rewards of each policy are compared with; `engine`: what it is judged in."""
         idle = read_idle(self._store.get(self._idle_unit().key))
         found = dict[PolicyKey, Baseline]()
         for subject in self._subjects:
@@ -338,7 +340,8 @@ class _Groups:
                 folder = self._store.get(self._reference_unit(subject).key)
                 reference = load_reference(subject.policy, folder).reference
             assert reference is not None
-            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle)
+            trained = str(subject.policy.provenance.get("engine", ""))
+            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle, other_engine(trained, engine))
         return found
 
     def table(self) -> pl.DataFrame:

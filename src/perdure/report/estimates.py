@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, takewhile
 
@@ -18,6 +18,7 @@ import polars as pl
 
 from perdure.disturbances import CALM, neutral_level, split_text
 from perdure.report import wording
+from perdure.report.caveats import Held, find_caveats, listed
 from perdure.report.groups import (
     ALL,
     MOSTLY_FALLS,
@@ -124,6 +125,26 @@ def estimate_table(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL
     found = Estimates()
     for group in make_groups(table, mine):
         found.setdefault(group.task, []).append(estimate_group(group, rng))
+    return {task: _with_caveats(estimates) for task, estimates in found.items()}
+
+
+def _with_caveats(estimates: Sequence[Estimate]) -> list[Estimate]:
+    """Return the estimates of a task, with the caveats of the groups that hold."""
+    disturbed = Counter[str]()
+    calm = dict[str, Group]()
+    for item in estimates:
+        if item.group.calm:
+            calm[item.group.policy_and_clock] = item.group
+        else:
+            disturbed[item.group.policy_and_clock] += item.group.episodes
+    found = []
+    for item in estimates:
+        caveats = dict[str, str]()
+        if item.verdict.good:
+            who = item.group.policy_and_clock
+            held = Held(item.group, item.verdict.share, item.work_vs_calm, disturbed[who], calm.get(who))
+            caveats = find_caveats(held)
+        found.append(replace(item, verdict=replace(item.verdict, caveats=caveats)))
     return found
 
 
@@ -193,11 +214,23 @@ class Verdict:
     """The label of each training run by itself; empty where there is only one."""
     evidence: str
     """In words; "" where there is none."""
+    caveats: Mapping[str, str] = field(default_factory=dict)
+    """Why a policy that holds is not clean: reasons by name, see `perdure.report.caveats`."""
 
     @property
     def good(self) -> bool:
         """Whether the policy holds or reaches its goal."""
         return bool(outcome(self.label).good)
+
+    @property
+    def clean(self) -> bool:
+        """Whether it holds or reaches its goal, without a caveat."""
+        return self.good and not self.caveats
+
+    @property
+    def word(self) -> str:
+        """The label, and whether there are caveats: "holds, but"."""
+        return f"{self.label}, but" if self.caveats else self.label
 
     @property
     def ended(self) -> bool:
@@ -262,7 +295,8 @@ class Verdict:
         """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
         counted = self._counted + self._interval if self.label == Holds.name else ""
         evidence = f"; {self.evidence}." if self.evidence else "."
-        return f"{self.short}{counted}{evidence}{self._training_seeds}"
+        caveats = f" But: {'; '.join(self.caveats.values())}." if self.caveats else ""
+        return f"{self.short}{counted}{evidence}{caveats}{self._training_seeds}"
 
     @property
     def _interval(self) -> str:
@@ -365,12 +399,15 @@ def _clause(verdicts: Sequence[Verdict], between: str) -> str:
     """Return the verdicts on one policy and clock, when calm and when disturbed."""
     first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
     who = first.group.policy_and_clock
+    but = ""
+    if all(verdict.good for verdict in verdicts):
+        but = listed([name for verdict in (first, *others) for name in verdict.caveats])
     if first.group.calm and (not others or first.kind in (NeverWorked.name, FALLS_IN_TRAINING)):
-        return f"{who}: {first.claim}"
+        return f"{who}: {first.claim}{but}"
     if first.group.calm and all(verdict.label == Holds.name for verdict in verdicts):
         under = " and ".join(f"for {each.group.test_horizon:,} under {each.group.condition}" for each in others)
-        return f"{who}: {first.claim} when calm and {under}"
-    return f"{who}: {between.join(map(_condition, (first, *others)))}"
+        return f"{who}: {first.claim} when calm and {under}{but}"
+    return f"{who}: {between.join(map(_condition, (first, *others)))}{but}"
 
 
 def _condition(verdict: Verdict) -> str:
@@ -433,7 +470,6 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
 def _holding(group: Group, episodes: pl.DataFrame) -> Iterator[str]:
     """Yield how well episodes hold."""
     if (group["training_rate"] == group["idle_rate"]).all():
-        yield "an idle robot earns as much"
         return
     yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
     paused = int(episodes["ever_idle"].sum())

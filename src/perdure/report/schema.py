@@ -58,7 +58,7 @@ class Column:
     heading: str = ""
     """The page shows the mean over the episodes of a policy and clock under this heading; "": it does not."""
     added: bool = False
-    """Whether tables of version 4 lack it; it is nan there, and `perdure report` computes it."""
+    """Whether tables of version 4 lack it; it is nan or empty there, and `perdure report` computes it."""
 
     @property
     def type(self) -> type[pl.DataType]:
@@ -84,6 +84,7 @@ NAME = Text(shortest=1)
 """Of a policy, a task, a method or a clock."""
 _STEPS = Whole(1, MOST_STEPS)
 _RATE = Real(unknown=True)
+_SHARE = Real(0.0, 1.0, unknown=True)
 _MOVEMENT = Real(0.0, unknown=True)
 _HORIZON = Real(1.0, infinite=True, unknown=True)
 _CLOCK_STEPS = Real(0.0, infinite=True, unknown=True)
@@ -162,6 +163,28 @@ TABLE: dict[str, Column] = {
         f"two consecutive windows after settling scored below {IDLE_BELOW:g}: hardly better than idle",
         judged=True,
         heading="ever idle",
+    ),
+    "way_rate": Column(
+        _RATE,
+        "reward per step of the policy on its way to where its reference settles; nan: it does so within a tenth of "
+        "the horizon",
+        judged=True,
+        added=True,
+    ),
+    "training_low_share": Column(
+        _SHARE, "share of the reference windows that score too low to hold", judged=True, added=True
+    ),
+    "low_share": Column(
+        _SHARE, "share of the episode's windows after settling that do; nan: it has none", judged=True, added=True
+    ),
+    "idle_steps": Column(
+        Real(0.0, unknown=True),
+        "mean steps that the idle robot lasts, of at most 1,000; nan: unknown",
+        judged=True,
+        added=True,
+    ),
+    "other_engine": Column(
+        Text(500), "in what it was trained and is judged, if MuJoCo differs; may be empty", judged=True, added=True
     ),
     "calm_rate": Column(
         _RATE,
@@ -268,7 +291,7 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
     """
     parquet, notes = _open(Path(path))
     frame = parquet.read([name for name in _known(parquet.columns) if name in parquet.columns])
-    frame = frame.with_columns(pl.lit(math.nan).alias(name) for name in ADDED if name not in frame.columns)
+    frame = frame.with_columns(pl.lit(_unknown(name)).alias(name) for name in ADDED if name not in frame.columns)
     frame = frame.select(_known(frame.columns))
     table_episodes(frame, str(path))
     return frame, notes
@@ -287,10 +310,15 @@ def read_episodes(path: str | os.PathLike[str]) -> tuple[tuple[Episodes, ...], d
 
     def column(name: str) -> pl.Series:
         if name not in parquet.columns:
-            return pl.repeat(math.nan, parquet.read(["step"]).height, eager=True).alias(name)
+            return pl.repeat(_unknown(name), parquet.read(["step"]).height, eager=True).alias(name)
         return parquet.read([name]).get_column(name)
 
     return _episodes(column, parquet.columns, str(path)), notes
+
+
+def _unknown(column: str) -> float | str:
+    """Return what a column that is `added` holds in a table that lacks it."""
+    return "" if isinstance(TABLE[column].kind, Text) else math.nan
 
 
 def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
