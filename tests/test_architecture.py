@@ -2,7 +2,7 @@
 
 cli -> evaluate, home -> learn -> policy -> envs -> horizon, disturbances
 report, runs: nothing of ours but schema and stats (report: disturbances, horizon, runs.write_atomic, runs.versions)
-stats: nothing of ours
+stats: nothing of ours; sequential: stats
 film: writes files with runs.write_atomic; evaluate and home draw with it
 errors: nothing of ours; schema: errors; registry: schema; everything may use errors and registry
 """
@@ -21,13 +21,14 @@ ALLOWED = {
     "errors": set(),
     "schema": set(),
     "stats": set(),
+    "sequential": {"stats"},
     "film": {"runs"},
     "registry": {"schema"},
     "horizon": set(),
     "disturbances": set(),
     "wrappers": {"horizon", "disturbances"},
     "runs": {"schema"},
-    "report": {"disturbances", "horizon", "schema", "stats", "runs"},
+    "report": {"disturbances", "horizon", "schema", "sequential", "stats", "runs"},
     "envs": {"schema", "horizon", "disturbances", "wrappers"},
     "policy": {"schema", "horizon", "envs", "runs"},
     "robots": {"schema", "policy", "runs"},

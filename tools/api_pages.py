@@ -21,7 +21,7 @@ FIRST = ("perdure", "horizon", "wrappers", "envs", "policy", "learn", "evaluate"
 """Parts of the package in the order of their pages; the others follow."""
 
 ALSO = (
-    *("errors", "film", "policy.onnx", "learn.advantages"),
+    *("errors", "film", "policy.onnx", "learn.advantages", "evaluate.compare"),
     *("home.agents.learned", "home.agents.release", "home.sim.scene", "home.tasks.episodes", "home.tasks.tasks"),
     *("home.skills.gym", "home.skills.train"),
     *(f"home.evaluate.{name}" for name in ("analysis", "execute", "files", "log", "outcomes", "page", "policies")),

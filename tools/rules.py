@@ -65,6 +65,7 @@ PAGES = {
     "docs/tutorials/does-my-sb3-agent-hold.md": 800,
     "docs/tutorials/my-own-environment.md": 400,
     "docs/tutorials/time-to-go-in-sb3.md": 500,
+    "results/compare/README.md": 450,
     "results/cure/registered.md": 600,
     "results/disturbance/README.md": 1_250,
     "results/horizon/README.md": 2_200,

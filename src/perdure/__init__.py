@@ -8,8 +8,9 @@
 | `perdure.envs` | vectorized environments with one interface (`World`) |
 | `perdure.policy` | policies, each stored in one file; import from other libraries |
 | `perdure.learn` | PPO in JAX with a configurable horizon; training methods |
-| `perdure.evaluate` | evaluation far beyond the training horizon: `perdure.extrapolate` |
+| `perdure.evaluate` | evaluation far beyond the training horizon: `perdure.extrapolate`, `perdure.compare` |
 | `perdure.stats` | intervals over training runs, differences, survival curves |
+| `perdure.sequential` | intervals that stay valid while episodes are added |
 | `perdure.film` | pictures and films of simulations; `perdure.evaluate.watch` films a policy as it fails |
 | `perdure.report` | figures and an HTML report from evaluation tables |
 | `perdure.home` | the Home Assistant Benchmark |
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from perdure.envs import list_tasks, make_world
     from perdure.evaluate import Extrapolation, ExtrapolationResult, extrapolate
     from perdure.evaluate.callback import VerdictCallback
+    from perdure.evaluate.compare import compare
     from perdure.horizon import (
         Constant,
         Countdown,
@@ -59,6 +61,7 @@ __all__ = [
     "TrainRun",
     "Uniform",
     "VerdictCallback",
+    "compare",
     "extrapolate",
     "list_tasks",
     "load_policy",
@@ -75,6 +78,7 @@ _NAMES = {
     "envs": ("list_tasks", "make_world"),
     "evaluate": ("Extrapolation", "ExtrapolationResult", "extrapolate"),
     "evaluate.callback": ("VerdictCallback",),
+    "evaluate.compare": ("compare",),
     "horizon": (
         *("Constant", "Countdown", "Fixed", "Geometric", "HorizonProtocol"),
         *("Infinite", "Linear", "Periodic", "Uniform", "parse_clock"),

@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     *("Difference", "FailureRate", "Interval", "Units", "bootstrap_interval", "clopper_pearson", "compare_paired"),
     *("compare_unpaired", "compare_with", "estimate_interval", "kaplan_meier", "make_units"),
-    *("mean_difference", "mean_interval", "measure_failure_rate", "median_time", "survival_interval", "t_interval"),
+    *("mean_difference", "mean_interval", "measure_failure_rate", "median_time", "permutation_p", "runs_for_power"),
+    *("survival_interval", "t_interval"),
 ]
 
 FloatArray = NDArray[np.float64]
@@ -40,6 +41,10 @@ FEW_UNITS = 10
 """Below this many units intervals are Student's t."""
 FEWEST_FOR_INTERVAL = 3
 """Units that an interval needs: two have one difference, which says little about their spread."""
+PERMUTATIONS = 20_000
+"""Most ways to divide runs into two groups that a permutation test tries."""
+FEWEST_RUNS = 4
+"""Runs a side with which a permutation test can reach 5 %."""
 _BATCH_ELEMENTS = 4_000_000
 
 
@@ -368,6 +373,42 @@ def compare_with(left: ArrayLike, value: float) -> Difference:
     """Compare a group of training runs with a number, by Student's t interval."""
     a = np.asarray(left, np.float64)
     return Difference(_mean(a), value, *_student(a - value), len(a))
+
+
+def permutation_p(left: ArrayLike, right: ArrayLike) -> float:
+    """Return the two-sided p value of the difference of two groups' means, if the groups were drawn by lot.
+
+    All ways to divide the values are tried, or `PERMUTATIONS` of them at random where there are more. Below four runs a
+    side, no difference reaches 5 %.
+    """
+    from scipy.stats import permutation_test
+
+    found = permutation_test(
+        (np.asarray(left, np.float64), np.asarray(right, np.float64)),
+        lambda a, b, axis: a.mean(axis=axis) - b.mean(axis=axis),
+        vectorized=True,
+        n_resamples=PERMUTATIONS,
+        rng=np.random.default_rng(0),
+    )
+    return float(found.pvalue)
+
+
+def runs_for_power(left: ArrayLike, right: ArrayLike, power: float = 0.8) -> float:
+    """Return how many runs a side show the difference that these runs have, two-sided at 5 %; at least `FEWEST_RUNS`.
+
+    By the normal approximation n = (z + z_power)^2 (variance of left + variance of right) / difference^2. inf where the
+    groups do not differ, or a spread is unknown.
+    """
+    from scipy.special import ndtri
+
+    a = np.asarray(left, np.float64)
+    b = np.asarray(right, np.float64)
+    difference = float(b.mean() - a.mean())
+    if difference == 0.0 or min(len(a), len(b)) < 2:
+        return math.inf
+    spread = float(a.var(ddof=1) + b.var(ddof=1))
+    needed = (ndtri(0.5 + CONFIDENCE / 2.0) + ndtri(power)) ** 2 * spread / difference**2
+    return float(max(math.ceil(needed), FEWEST_RUNS))
 
 
 def mean_difference(differences: Sequence[Difference]) -> Difference:

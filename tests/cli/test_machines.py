@@ -140,3 +140,15 @@ def test_list_tasks_is_short_and_complete_for_one_suite(command, tmp_path):
     assert any(f"--suite '{longest}'" in line for line in short)
     listed = command("list", "tasks", "--suite", longest, cwd=tmp_path).stdout.split()
     assert {each.name for each in list_tasks(longest)} <= set(listed)
+
+
+def test_a_comparison_ends_with_3_unless_b_is_shown_to_be_better(evaluated, command):
+    folder, _ = evaluated
+    same = ("my_cli_policies:Policies.still", "my_cli_policies:Policies.still")
+    flags = ("--env", "Pendulum-v1", "--steps", 30, "--most", 2, "--disturb", "none", "--by", "hours", "--json")
+    process = command("compare", *same, *flags, "--require", "better", cwd=folder)
+    document = json.loads(process.stdout)
+    assert (process.returncode, document["verdict"], document["counts"]) == (3, "cannot tell", [2, 2])
+    assert "--require better" in process.stderr.splitlines()[-1]
+    assert Path(document["page"]).is_file()
+    assert command("compare", *same, *flags, cwd=folder).returncode == 0

@@ -108,3 +108,23 @@ class Reach(gymnasium.Env):
 
     def _see(self) -> Any:
         return {"observation": self.place.copy(), "achieved_goal": self.place.copy(), "desired_goal": self.goal.copy()}
+
+
+class Walkway(gymnasium.Env):
+    """Pays the action at each step. Falls at step 150 if the action was then above what the ground allows.
+
+    The ground, drawn at reset and observed, allows an action of 1 with a chance of one half, otherwise 0.9.
+    """
+
+    observation_space = Box(0.0, 1.0, (1,), np.float64)
+    action_space = Box(-1.0, 1.0, (1,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.allowed, self.steps = float(self.np_random.choice([0.9, 1.0])), 0
+        return np.array([self.allowed]), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        falls = self.steps == 150 and float(action[0]) > self.allowed
+        return np.array([self.allowed]), float(action[0]), falls, False, {}

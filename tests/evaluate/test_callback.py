@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 from gymnasium.spaces import Box, Dict
-from probes import Falling
+from probes import Falling, Walkway
 
 from perdure.errors import PerdureError
 
@@ -97,6 +97,38 @@ def test_it_logs_at_the_start_every_so_many_steps_and_at_the_end(module):
     assert "perdure/holds_standard-1" in logged
     assert logged["perdure/holds_calm"] == 0.0  # the world ends every episode by step 60
     assert 5 <= logged["perdure/median_failure_step_calm"] <= 60
+
+
+def test_the_model_is_saved_when_it_is_better_than_the_saved_one(module, tmp_path):
+    class Learning(Model):
+        """Walks at a speed that each 100 steps of training change, and saves its speed."""
+
+        def __init__(self):
+            super().__init__()
+            self.observation_space = Walkway.observation_space
+
+        @property
+        def speed(self):
+            return {0: 0.4, 100: 0.8, 200: 0.3}[self.num_timesteps // 100 * 100]
+
+        def predict(self, observations, state=None, starts=None, deterministic=False):
+            return np.full((len(observations), 1), self.speed), None
+
+        def save(self, path):
+            path.write_text(str(self.speed))
+
+    model = Learning()
+    options = {"steps": 100, "eval_seeds": 20, "training_horizon": 100, "disturb": "none"}
+    best = tmp_path / "best" / "model.zip"
+    callback = module.VerdictCallback(Walkway, every_steps=100, best=best, **options)
+    learn(callback, model, 50)
+    assert best.read_text() == "0.4", "the first one"
+    learn(callback, model, 100)
+    assert best.read_text() == "0.8"
+    model.num_timesteps = 200
+    callback.on_step()
+    assert callback.result is not callback.best_result
+    assert best.read_text() == "0.8", "a slower one does not replace it"
 
 
 def test_the_policy_sees_normalized_observations(module):

@@ -19,10 +19,32 @@ if TYPE_CHECKING:
 def policy_files(
     names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Return one file for each policy; models of Stable-Baselines3 are imported once, into a folder of `out`.
+    """Return one file for each policy; see `_sides`. A folder of several policy files is refused."""
+    sides = _sides([_found(name) for name in names], names, env, sb3, horizon, out, modules)
+    return tuple(file for side in sides for file in side)
+
+
+def policy_sides(
+    names: Sequence[str], env: str | None, sb3: dict[str, Any], horizon: int | None, out: Path, modules: Sequence[str]
+) -> list[tuple[Path, ...]]:
+    """Return the files that each word names: several for a folder of training runs; see `_sides`."""
+    return _sides([_found_all(name) for name in names], names, env, sb3, horizon, out, modules)
+
+
+def _sides(
+    found: Sequence[Sequence[Path | FoundModel]],
+    names: Sequence[str],
+    env: str | None,
+    sb3: dict[str, Any],
+    horizon: int | None,
+    out: Path,
+    modules: Sequence[str],
+) -> list[tuple[Path, ...]]:
+    """Return the files of what was found; models of Stable-Baselines3 are imported once, into a folder of `out`.
 
     Args:
-        names: As on the command line.
+        found: What each word names.
+        names: The words, as on the command line.
         env: Environment of models; None: what their own files say.
         sb3: Flags of models of Stable-Baselines3: normalizer, time_feature, trust.
         horizon: Training horizon of models.
@@ -31,10 +53,7 @@ def policy_files(
     """
     from perdure.policy.onnx import is_onnx
 
-    found: list[Path | FoundModel] = []
-    for name in names:
-        found += _found(name)
-    models = [each for each in found if not isinstance(each, Path)]
+    models = [each for side in found for each in side if not isinstance(each, Path)]
     if sb3["normalizer"] and len(models) > 1:
         raise PerdureError(
             f"--normalizer {sb3['normalizer']}: it belongs to one model, and {len(models)} are given: evaluate one at "
@@ -46,13 +65,25 @@ def policy_files(
     given = [name for name, value in options.items() if value not in (None, False)]
     if given and names and not models:
         _refuse_flags(given, names)
-    files = list[Path]()
-    for each in found:
-        if isinstance(each, Path):
-            files.append(each)
-        else:
-            files.append(_imported(each, env, {"training_horizon": horizon, **sb3}, out, modules))
-    return tuple(files)
+    sides = []
+    for side in found:
+        files = list[Path]()
+        for each in side:
+            if isinstance(each, Path):
+                files.append(each)
+            else:
+                files.append(_imported(each, env, {"training_horizon": horizon, **sb3}, out, modules))
+        sides.append(tuple(files))
+    return sides
+
+
+def _found_all(name: str) -> Sequence[Path | FoundModel]:
+    """Return what `_found` does, and every policy file of a folder."""
+    from perdure.policy import find_policies
+
+    if Path(name).is_dir() and (any(Path(name).glob("*.safetensors")) or any(Path(name).glob("*/*.safetensors"))):
+        return find_policies(name)
+    return _found(name)
 
 
 def _found(name: str) -> Sequence[Path | FoundModel]:

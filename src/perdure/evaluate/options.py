@@ -145,9 +145,7 @@ class Extrapolation:
 
     def _asked(self, step_seconds: float) -> list[Condition]:
         """Return the conditions, before it is known what the world can do."""
-        steps = self.steps
-        if self.hours is not None:
-            steps = max(1, round(3600.0 * self.hours / step_seconds))
+        steps = self._steps(step_seconds)
         asked = []
         for label, disturbances in self._disturbances.items():
             if self.disturb is None and disturbances:  # --steps and --eval-seeds are of the calm episodes
@@ -159,6 +157,12 @@ class Extrapolation:
                 condition = Condition(label, disturbances, steps or CALM_STEPS, self.eval_seeds or CALM_SEEDS)
             asked.append(condition)
         return asked
+
+    def _steps(self, step_seconds: float) -> int | None:
+        """Return the steps of an episode that `steps` or `hours` names."""
+        if self.hours is not None:
+            return max(1, round(3600.0 * self.hours / step_seconds))
+        return self.steps
 
     def conditions(self, spec: TaskSpec, make: Make) -> list[Condition]:
         """Return the conditions under which policies of a task are evaluated.

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from perdure.envs import OpenEnv, open_env, refuse_import, report_success, task_of_environment
 from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX
@@ -24,6 +24,8 @@ from perdure.policy.reference import resolve_training_horizon
 from perdure.runs import config_digest
 from perdure.runs.progress import Lines
 from perdure.schema import printable
+
+Asked = TypeVar("Asked", bound=Extrapolation)
 
 
 def extrapolate(
@@ -64,7 +66,7 @@ def extrapolate(
             this kind of policy, ``out`` holds a table that would be lost, a policy does not fit its environment or
             returns what is no action, or an environment cannot be built or breaks its contract.
     """
-    asked, execution = _read_options(evaluation or Extrapolation(), options)
+    asked, execution = read_options(evaluation or Extrapolation(), options)
     env = asked.env if env is None else env
     subject: Any = policy
     if isinstance(policy, str | Path | list | tuple):
@@ -72,7 +74,7 @@ def extrapolate(
             raise PerdureError("recurrent and name are for functions, not for files")
         files = tuple(map(Path, [policy] if isinstance(policy, str | Path) else policy))
         if env is None or (isinstance(env, str) and any(map(is_onnx, files))):
-            return evaluate(*_file_subjects(files, env, asked), asked, execution)
+            return evaluate(*file_subjects(files, env, asked), asked, execution)
         if len(files) > 1:
             raise PerdureError("several policy files are evaluated in their own task: leave env out")
         subject = load(files[0])
@@ -83,7 +85,7 @@ def extrapolate(
         env = subject.task.name
     with open_env(env) as opened:
         source = replace(opened, make=lambda seeds: report_success(opened.make(seeds), asked.success))
-        acting = _subject_here(subject, source, asked, recurrent, name)
+        acting = subject_here(subject, source, asked, recurrent, name)
         worlds = Worlds(acting.policy.task.name, None if isinstance(env, str) else source, asked.success)
         return evaluate([acting], worlds, asked, execution)
 
@@ -107,20 +109,22 @@ def evaluate_files(evaluation: Extrapolation, execution: Execution | None = None
         execution = Execution()
     if not isinstance(execution, Execution):
         raise PerdureError(f"execution must be an Execution, such as Execution(out={str(execution)!r})")
-    subjects, worlds = _file_subjects(evaluation.policies, evaluation.env, evaluation)
+    subjects, worlds = file_subjects(evaluation.policies, evaluation.env, evaluation)
     return evaluate(subjects, worlds, evaluation, execution)
 
 
-def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tuple[Extrapolation, Execution]:
-    """Return the options that keywords name, over those of an evaluation."""
+def read_options(
+    evaluation: Asked, options: Mapping[str, Any], function: str = "extrapolate"
+) -> tuple[Asked, Execution]:
+    """Return the options that keywords name, over those of an evaluation; `function` is whose keywords they are."""
     if evaluation.policies:
-        raise PerdureError("extrapolate takes policies as its first argument, not in an Extrapolation")
-    what = {each.name for each in fields(Extrapolation) if each.init} - {"policies", "env"}
+        raise PerdureError(f"{function} takes policies as its first argument, not in its options")
     how = {each.name for each in fields(Execution)}
+    what = {each.name for each in fields(evaluation) if each.init} - {"policies", "env"} - how
     for name in options:
         if name not in what | how:
             hint = did_you_mean(name, what | how)
-            raise PerdureError(f"extrapolate has no option {name!r}; it has {', '.join(sorted(what | how))}{hint}")
+            raise PerdureError(f"{function} has no option {name!r}; it has {', '.join(sorted(what | how))}{hint}")
     changes = {name: value for name, value in options.items() if name in what}
     for name in ("clocks", "disturb", "modules"):
         if isinstance(changes.get(name), str):
@@ -129,7 +133,7 @@ def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tupl
         changes.pop("clocks", None)
     places = {name: value for name, value in options.items() if name in how}
     if places.get("observe") is None:
-        places["observe"] = Lines("extrapolate", "steps")
+        places["observe"] = Lines(function, "steps")
     if changes:  # a new object reads its clocks and disturbances again
         evaluation = replace(evaluation, **changes)
     return evaluation, Execution(**places)
@@ -138,7 +142,7 @@ def _read_options(evaluation: Extrapolation, options: Mapping[str, Any]) -> tupl
 # Policies of this process
 
 
-def _subject_here(policy: Any, source: OpenEnv, asked: Extrapolation, recurrent: bool, name: str | None) -> Subject:
+def subject_here(policy: Any, source: OpenEnv, asked: Extrapolation, recurrent: bool, name: str | None) -> Subject:
     """Return a function, an ONNX model or a policy of this process as it acts in an environment."""
     if not isinstance(policy, Policy):
         timed = bool(policy.times) if isinstance(policy, OnnxModel) else asked.clocks != OWN_CLOCK
@@ -223,7 +227,7 @@ def takes_clock(path: Path) -> bool:
     return loaded.has_clock if isinstance(loaded, Policy) else bool(loaded.times)
 
 
-def _file_subjects(files: Sequence[Path], env: str | None, evaluation: Extrapolation) -> tuple[list[Subject], Worlds]:
+def file_subjects(files: Sequence[Path], env: str | None, evaluation: Extrapolation) -> tuple[list[Subject], Worlds]:
     """Read every policy file of an evaluation, and refuse what cannot be evaluated together.
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -20,9 +20,10 @@ from perdure.envs import OpenEnv, World
 from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
+from perdure.evaluate.early import parts, why_stopped
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
-from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales
-from perdure.evaluate.options import Extrapolation
+from perdure.evaluate.judge import Baseline, Baselines, PolicyKey, judge_table, make_scales, other_engine
+from perdure.evaluate.options import Condition, Extrapolation
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
     TABLE_FILE,
@@ -81,6 +82,8 @@ class Execution:
     """Called with the progress of every group of episodes, in steps of single episodes."""
     waiting: Callable[[], None] = lambda: None
     """Called once before waiting, if another evaluation into `out` is running."""
+    stop_early: bool = False
+    """End as soon as it is certain that a policy does not hold, see `perdure.evaluate.early`."""
 
     def __post_init__(self) -> None:
         check_on(self.on)
@@ -157,6 +160,80 @@ def evaluate(
             episodes failed.
         OSError: If the folder cannot be written.
     """
+    with open_evaluator(subjects, worlds, evaluation, execution) as evaluator:
+        conditions = evaluator.conditions
+        if execution.out is not None:
+            episodes = evaluator.episodes(conditions)
+            _refuse_replacing(Store(execution.out), subjects, episodes, evaluation.success or "")
+        frame, baselines, stopped = _judged_table(evaluator, execution.stop_early)
+        files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
+        result = ExtrapolationResult(frame, None, files, baselines, evaluation.success or "", stopped)
+        if execution.out is None:
+            return result
+        if evaluator.of_files:  # the command line writes their page, with stills
+            path, _ = result.write_table(execution.out, execution.command)
+        else:
+            result.write(execution.out, execution.command)
+            path = Path(execution.out) / TABLE_FILE
+        return replace(result, path=path)
+
+
+def _judged_table(evaluator: Evaluator, stop_early: bool) -> tuple[pl.DataFrame, Baselines, str]:
+    """Return the judged table, the baselines of its policies, and why it lacks episodes; "" if it has all."""
+    conditions = evaluator.conditions
+    if stop_early:
+        for part in parts(conditions):
+            frame, baselines = evaluator.judged(part)
+            stopped = why_stopped(frame, part, conditions, len(evaluator.episodes(conditions)))
+            if stopped:
+                return frame, baselines, stopped
+    frame, baselines = evaluator.judged(conditions)
+    return frame, baselines, ""
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """Runs and judges the episodes of conditions, one set of conditions after another; see `open_evaluator`."""
+
+    subjects: Sequence[Subject]
+    worlds: Worlds
+    evaluation: Extrapolation
+    execution: Execution
+    store: Store
+    """Keeps the episodes that are finished: none of them runs twice."""
+    of_files: bool
+    """All policies are of files, which other processes can read."""
+    conditions: Sequence[Condition]
+    """Those that the evaluation names, as far as the environment can do them."""
+    engine: str
+    """Of the environment, see `TaskSpec.engine`."""
+
+    def episodes(self, conditions: Sequence[Condition]) -> list[EpisodeSpec]:
+        """Return the episodes of these conditions."""
+        return self.evaluation.episodes([each.policy for each in self.subjects], conditions)
+
+    def judged(self, conditions: Sequence[Condition]) -> tuple[pl.DataFrame, Baselines]:
+        """Run what the store lacks of these conditions; return their judged table and the baselines of its policies.
+
+        Raises:
+            PerdureError: A group of episodes failed.
+        """
+        groups = _Groups(self.subjects, self.worlds, self.store, self.episodes(conditions))
+        groups.run(self.evaluation.max_episodes, self.execution, keep_going=self.of_files)
+        # The table: raw columns of all episodes, then the verdicts.
+        raw = with_not_applied(groups.table(), conditions)
+        baselines = groups.baselines(self.engine)
+        return judge_table(raw, make_scales(baselines, self.subjects[0].policy.task.name)), baselines
+
+
+@contextmanager
+def open_evaluator(
+    subjects: Sequence[Subject], worlds: Worlds, evaluation: Extrapolation, execution: Execution
+) -> Iterator[Evaluator]:
+    """Yield what runs the episodes of an evaluation; one at a time works in a folder of results.
+
+    Arguments and errors are those of `evaluate`.
+    """
     of_files = all(each.digest is not None for each in subjects)
     # Which episodes there are depends on what the environment can do.
     with closing(worlds.first()) as world:
@@ -164,33 +241,16 @@ def evaluate(
             check_fit(each.policy, world)
         spec = world.spec
     conditions = evaluation.conditions(spec, worlds.first)
-    episodes = evaluation.episodes([each.policy for each in subjects], conditions)
     with ExitStack() as stack:
         # One evaluation at a time writes into a folder. Groups of policies without a file are kept elsewhere.
         if execution.out is not None:
             store = Store(execution.out)
             stack.enter_context(store.exclusive("extrapolate", execution.waiting))
-            _refuse_replacing(store, subjects, episodes, evaluation.success or "")
         if execution.out is None or not of_files:
             store = Store(stack.enter_context(tempfile.TemporaryDirectory()))
         if not of_files:
             execution = replace(execution, on="here", cores=1)
-        groups = _Groups(subjects, worlds, store, episodes)
-        groups.run(evaluation.max_episodes, execution, keep_going=of_files)
-        # The table: raw columns of all episodes, then the verdicts.
-        raw = with_not_applied(groups.table(), conditions)
-        baselines = groups.baselines()
-        frame = judge_table(raw, make_scales(baselines, subjects[0].policy.task.name))
-        files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
-        result = ExtrapolationResult(frame, None, files, baselines, evaluation.success or "")
-        if execution.out is None:
-            return result
-        if of_files:  # the command line writes their page, with stills
-            path, _ = result.write_table(execution.out, execution.command)
-        else:
-            result.write(execution.out, execution.command)
-            path = Path(execution.out) / TABLE_FILE
-        return replace(result, path=path)
+        yield Evaluator(subjects, worlds, evaluation, execution, store, of_files, conditions, spec.engine)
 
 
 def _refuse_replacing(store: Store, subjects: Sequence[Subject], episodes: Sequence[EpisodeSpec], success: str) -> None:
@@ -270,8 +330,8 @@ class _Groups:
         self._store.warn_of_other_source(dict.fromkeys(finished[key] for key in keys if key in finished))
         run_missing(units, self._store.root, execution.on, execution.cores, execution.observe, keep_going=keep_going)
 
-    def baselines(self) -> dict[PolicyKey, Baseline]:
-        """Return what the rewards of each policy are compared with."""
+    def baselines(self, engine: str) -> dict[PolicyKey, Baseline]:
+        """Return what the rewards of each policy are compared with; `engine`: what it is judged in."""
         idle = read_idle(self._store.get(self._idle_unit().key))
         found = dict[PolicyKey, Baseline]()
         for subject in self._subjects:
@@ -280,7 +340,8 @@ class _Groups:
                 folder = self._store.get(self._reference_unit(subject).key)
                 reference = load_reference(subject.policy, folder).reference
             assert reference is not None
-            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle)
+            trained = str(subject.policy.provenance.get("engine", ""))
+            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle, other_engine(trained, engine))
         return found
 
     def table(self) -> pl.DataFrame:

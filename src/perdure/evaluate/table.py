@@ -49,6 +49,8 @@ class ExtrapolationResult:
     """What the rewards of each policy are compared with: stored beside the table, which can then be judged again."""
     success: str = ""
     """The `success` of the evaluation; "": the environment's own entry."""
+    stopped: str = ""
+    """Why the evaluation ended before all of its episodes; "" if it did not."""
 
     def __str__(self) -> str:
         from perdure.report import summary_text
@@ -72,6 +74,8 @@ class ExtrapolationResult:
         from perdure.report import write_table
 
         notes = {"command": command, "success": self.success, **made_with(), **self.files}
+        if self.stopped:
+            notes["stopped"] = self.stopped
         if self.baselines:
             notes |= write_baselines(Path(out), self.baselines)
         return write_table(Path(out) / TABLE_FILE, self.frame, notes), notes
@@ -83,6 +87,14 @@ class ExtrapolationResult:
         from perdure.report.page import not_holding
 
         return not not_holding(estimate_table(self.frame))
+
+    @property
+    def clean(self) -> bool:
+        """Whether all policies hold, or reach their goal, without a caveat (`perdure.report.caveats`)."""
+        from perdure.report.estimates import estimate_table
+        from perdure.report.page import not_clean
+
+        return not not_clean(estimate_table(self.frame))
 
     def final(self) -> pl.DataFrame:
         """Return one row for each episode: its values at the last recorded step."""

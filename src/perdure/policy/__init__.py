@@ -10,7 +10,7 @@ from perdure.policy.closed_loop import (
     check_fit,
 )
 from perdure.policy.divergence import DivergenceDetector
-from perdure.policy.files import find_policy, load_policy, save_policy, shipped_policies
+from perdure.policy.files import find_policies, find_policy, load_policy, save_policy, shipped_policies
 from perdure.policy.policy import Normalizer, Policy, TaskInfo
 from perdure.policy.reference import Reference, measure_reference
 
@@ -27,6 +27,7 @@ __all__ = [
     "Reference",
     "TaskInfo",
     "check_fit",
+    "find_policies",
     "find_policy",
     "load_policy",
     "measure_reference",

@@ -167,6 +167,31 @@ def find_policy(name: str | Path) -> Path:
     )
 
 
+def find_policies(name: str | Path) -> tuple[Path, ...]:
+    """Return the policy files that a name means: all of a folder of several, such as training runs; else one.
+
+    Args:
+        name: As `find_policy` takes it; a folder with several policy files; or a folder whose folders hold one each, as
+            `perdure train` writes them.
+
+    Raises:
+        PerdureError: As `find_policy`.
+    """
+    folder = Path(name)
+    if folder.is_dir() and str(name) not in shipped_policies() and not _MODEL.fullmatch(folder.name):
+        for pattern in (f"*{SUFFIX}", f"*/*{SUFFIX}"):
+            found = sorted(folder.glob(pattern), key=_by_number)
+            if found:
+                return tuple(found)
+    return (find_policy(name),)
+
+
+def _by_number(path: Path) -> list[tuple[str, int]]:
+    """Return what sorts seed-2 before seed-10: words, each with the number after it."""
+    found = re.findall(r"(\D*)(\d*)", path.as_posix())
+    return [(word, int(number or -1)) for word, number in found]
+
+
 def shipped_policies() -> dict[str, Path]:
     """Return name, such as "Hopper-v3/geometric" or "home/set_table/place/seed-0", to file."""
     return {
