@@ -94,7 +94,8 @@ class WalksCrooked(Caveat):
         drift = found.get("lateral_drift", 0.0)
         parts = []
         if turn > CROOKED_FROM:
-            parts.append(f"turns {wording.quantity(turn)} degrees a minute (bound {CROOKED_FROM:g})")
+            limit = f"(bound {CROOKED_FROM:g}; see heading_control_stiffness)"
+            parts.append(f"turns {wording.quantity(turn)} degrees a minute {limit}")
         if drift > DRIFTS_FROM:
             parts.append(f"drifts {wording.quantity(drift)} m a minute (bound {DRIFTS_FROM:g})")
         return " and ".join(parts)
