@@ -367,8 +367,8 @@ class TestFigures:
         rough = disturbed(synthetic([{"rate": 1.5, "ends": [200] * 8}]))
         found, _ = drawn(pl.concat([calm, rough]))
         assert [(row["label"], row["x"], row["y"]) for row in rows(found["plane"], "point", opacity=1)] == [
-            ("geometric, always 500 steps to go", 100_500.0, 2.0),
-            ("geometric under push:0.5, always 500 steps to go", 200.0, 1.5),
+            ("geometric, always 500 steps to go: 50 % hold", 100_500.0, 2.0),
+            ("geometric under push:0.5, always 500 steps to go: 0 % hold", 200.0, 1.5),
         ]
         assert "plane" not in drawn(calm)[0]
 

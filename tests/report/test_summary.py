@@ -46,7 +46,7 @@ def test_the_document_says_what_the_table_says(mixed, tmp_path):
 
 def test_every_name_is_in_the_reference(mixed):
     document = json.loads(summary_json(estimate_table(mixed), Path("t"), Path("p")))
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "table.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "json.md").read_text()
     assert [name for name in (*document, *document["groups"][0]) if f"`{name}`" not in page] == []
 
 

@@ -27,7 +27,7 @@ DRIFTS_FROM = 5.0
 CALM_WORK = 0.75
 """Least work, as a share of the policy's own when calm."""
 INTERRUPTED = 0.05
-"""Share of windows that may score too low to hold, beyond that share when calm."""
+"""Share of windows that may score too low to hold, beyond that share in training and when calm."""
 FEWEST_DISTURBED = 6
 """Disturbed episodes: if all of so many hold, the 95 % interval of the share that holds lies above one half."""
 HALF = 0.5
@@ -52,10 +52,11 @@ class Held:
 
     @property
     def usual_low_share(self) -> float:
-        """Mean share of windows that score too low when calm; without calm episodes, in training; nan: unknown."""
-        if self.calm is not None and not self.group.calm:
-            return _known_mean(self.calm["low_share"])
-        return _known_mean(self.group["training_low_share"])
+        """Mean share of windows that score too low in training, or in calm episodes if that is more; nan: unknown."""
+        training = _known_mean(self.group["training_low_share"])
+        if self.calm is None or self.group.calm:
+            return training
+        return float(np.fmax(training, _known_mean(self.calm["low_share"])))
 
 
 def _known_mean(values: FloatArray) -> float:
@@ -94,7 +95,8 @@ class WalksCrooked(Caveat):
         drift = found.get("lateral_drift", 0.0)
         parts = []
         if turn > CROOKED_FROM:
-            parts.append(f"turns {wording.quantity(turn)} degrees a minute (bound {CROOKED_FROM:g})")
+            limit = f"(bound {CROOKED_FROM:g}; see heading_control_stiffness)"
+            parts.append(f"turns {wording.quantity(turn)} degrees a minute {limit}")
         if drift > DRIFTS_FROM:
             parts.append(f"drifts {wording.quantity(drift)} m a minute (bound {DRIFTS_FROM:g})")
         return " and ".join(parts)
@@ -129,8 +131,8 @@ class Interrupted(Caveat):
     name = "is interrupted"
     order = 3
     meaning = (
-        "the share of the windows after settling that score too low to hold is larger than in calm episodes (without "
-        f"any: than in training) by more than {INTERRUPTED:g}"
+        "the share of windows after settling that score too low to hold is larger than in training, and than in calm "
+        f"episodes, by more than {INTERRUPTED:g}"
     )
 
     def reason(self, held: Held) -> str:
@@ -139,8 +141,7 @@ class Interrupted(Caveat):
         usual = held.usual_low_share
         if not share - usual > INTERRUPTED:
             return ""
-        usually = "in training" if held.calm is None or held.group.calm else "when calm"
-        return f"scores too low {wording.share(share)} of the time ({usually} {wording.share(usual)})"
+        return f"scores too low {wording.share(share)} of the time (usually {wording.share(usual)})"
 
 
 class FewDisturbed(Caveat):

@@ -198,6 +198,7 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
     unfailed = list[charts.Row]()
     for item, look in zip(shown, _styles(shown, shown), strict=True):
         group = item.group
+        label = f"{group.label}: {_holding_and_work(item)}"
         times, failed = failure_times(group.verdicts, group["failed_step"])
         times = np.minimum(times, group["end_step"])
         # An ended episode has all its reward at the next recorded step; any other is read at the last one before.
@@ -213,10 +214,10 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
                 speed = earned[mine].sum() / steps[mine].sum() - group["idle_rate"][mine].mean()
                 points.append((times[mine].sum() / max(failures, 1), speed))
                 if not failures:
-                    unfailed.append({"x": points[-1][0], "y": points[-1][1], "label": group.label, "text": "\u2192"})
+                    unfailed.append({"x": points[-1][0], "y": points[-1][1], "label": label, "text": "\u2192"})
         if points:
             x, y = np.array(sorted(points)).T
-            lines.append(Curve(group.label, x, y, look, marked=True, joined=False))
+            lines.append(Curve(label, x, y, look, marked=True, joined=False))
     every = np.concatenate([each.x for each in lines]) if lines else np.zeros(0)
     if len(every) < 2:
         return
@@ -230,9 +231,17 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
         chart["layer"].append(charts.layer(unfailed, "text", arrow, **at, text=charts.named("text")))
     note = (
         f"{selected}One point for each training run and condition: all steps before failures, divided by the number of "
-        "failures. Up and to the right is better. Arrow: no failure was seen, the point is at all its steps."
+        "failures. Up and to the right is better. Arrow: no failure was seen, the point is at all its steps. Work: "
+        "what episodes earn above an idle robot, falls included, as a share of what the policy earns when calm."
     )
     yield Figure("plane", "Speed while working against steps between failures", chart, note)
+
+
+def _holding_and_work(item: Estimate) -> str:
+    """Return the share of episodes that hold and the mean work against calm: "83 % hold, work 0.62"."""
+    work = float(item.work_vs_calm.estimate)
+    said = f"{wording.share(float(item.verdict.share.estimate))} hold"
+    return said if math.isnan(work) else f"{said}, work {work:.2f}"
 
 
 def _episodes(chosen: Sequence[Estimate]) -> str:
