@@ -73,7 +73,10 @@ def test_names_of_other_projects_mean_the_same_terms(write):
         ({"history_layout": "by step"}, "needs the same history"),
         ({"script": [[1, 0, 0, 0]]}, "script must begin at 0"),
         ({"decimation": 0}, "decimation must be"),
-        ({"gains": 1.0}, "must not have the field gains"),
+        ({"gains": 1.0}, "no field 'gains'; the fields are model, joints"),
+        ({"armatur": 1.0}, "no field 'armatur'; did you mean 'armature'"),
+        ({"observations": [{"name": "command", "scales": 1.0}]}, r"observations\[0\]: .*did you mean 'scale'"),
+        ({"random": {"low": [0, 0, 0], "height": [1, 0, 0]}}, "random: there is no field 'height'"),
         ({"model": "package://no-such-package/a.xml"}, "no Python package no_such_package"),
     ],
 )

@@ -207,23 +207,43 @@ def inspect(policy: PolicyName) -> None:
 
 
 def robot(
-    what: tyro.conf.Positional[Literal["check"]], contract: tyro.conf.Positional[Path], policy: Path | None = None
+    what: tyro.conf.Positional[Literal["check", "init"]],
+    contract: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")],
+    policy: Path | None = None,
+    out: Path = Path("robot.yaml"),
 ) -> None:
-    """Check a robot's contract against its model and its policy, by short walks with common mistakes undone.
+    """Draft a robot's contract from its MJCF, or check a contract against its model and its policy.
 
-    The exit code is 3 if the robot falls, walks no better than without actions, or walks clearly better under another
-    contract: another joint order, gain, scale, order of terms, default pose or decimation.
+    init writes a commented draft: joints, pose, gains and limits of the model, and what the exporter of the policy
+    noted. check walks for some seconds with common mistakes undone; its exit code is 3 if the robot falls, walks no
+    better than without actions, or walks clearly better under another contract: another joint order, gain, scale, order
+    of terms, default pose or decimation.
 
     Args:
         what: What to do with it.
-        contract: The YAML file, which is also the --env of `perdure extrapolate`.
+        contract: For check the YAML file, which is also the --env of `perdure extrapolate`; for init the robot's MJCF.
         policy: The exported policy, model.onnx.
+        out: For init: the file to write.
     """
     from perdure.policy.onnx import OnnxModel
     from perdure.robots import read_contract
+
+    if what == "init":
+        from perdure.robots.draft import MARK, draft
+        from perdure.runs import refuse_replacing, write_atomic
+
+        refuse_replacing(out)
+        text = draft(contract, policy, out.parent)
+        print(write_atomic(out, text.encode()))
+        marked = text.count(f"# {MARK}")
+        print(f"{marked} places to complete (# {MARK}); then: perdure robot check {out} --policy policy.onnx")
+        return
     from perdure.robots.check import check
 
-    lines, passed = check(read_contract(contract), None if policy is None else OnnxModel.load(policy))
+    model = None
+    if policy is not None:
+        model = OnnxModel.load(policy)
+    lines, passed = check(read_contract(contract), model)
     print(*lines, sep="\n")
     if not passed:
         raise SystemExit(NOT_HOLDING)

@@ -117,6 +117,7 @@ def _refuse_flags(flags: Sequence[str], names: Sequence[str]) -> None:
 
 def _imported(model: FoundModel, env: str | None, flags: dict[str, Any], out: Path, modules: Sequence[str]) -> Path:
     """Return the file of an imported model; what the flags leave out is read from the files beside it."""
+    from perdure.policy import load_policy
     from perdure.policy.readers import import_once
     from perdure.report.schema import IMPORTED
 
@@ -126,7 +127,11 @@ def _imported(model: FoundModel, env: str | None, flags: dict[str, Any], out: Pa
             own[name] = getattr(model, name)
     words = [f"{name.replace('_', ' ')} {value}" for name, value in own.items() if value not in (None, env)]
     _tell(f"reading {model.path}" + (f" with {', '.join(words)}" if words else ""))
-    return import_once(model.path, out / IMPORTED, **{**flags, **own})
+    file = import_once(model.path, out / IMPORTED, **{**flags, **own})
+    engine = load_policy(file).provenance.get("engine")
+    if engine:
+        _tell(f"{model.path} was trained on {engine}; the report says on which one it is judged")
+    return file
 
 
 def _tell(sentence: str) -> None:

@@ -48,6 +48,8 @@ ARRAYS: Mapping[str, str] = {
 """Name of an array to its type; every other array holds weights."""
 WEIGHTS = ("f2", "f4")
 """Types of weights."""
+MOST_CHOICES = 1_000_000
+"""Of one component of a discrete action."""
 _MEASURED = tuple(name.removeprefix("reference.") for name in ARRAYS if name.startswith("reference."))
 """Arrays of a reference, stored as tensors."""
 Tensors = dict[str, NDArray[Any]]
@@ -274,11 +276,18 @@ class Description(Record, frozen=True):
         high = self.task.action_high
         if not 0 < len(low) == len(high) or not all(a <= b for a, b in zip(low, high, strict=True)):
             raise ValueError("action_low and action_high must have the same length, and no low above its high")
+        if self.task.discrete_actions and not all(map(_fits_choices, low, high)):
+            raise ValueError(f"a discrete action must have whole numbers from low to high, at most {MOST_CHOICES:,}")
         if not 1 <= self.task.observation_size <= 1_000_000:
             raise ValueError(f"observation_size must be 1 to 1,000,000, not {self.task.observation_size}")
         if len(self.normalizer) < 2 or self.normalizer["epsilon"] > 1:
             raise ValueError("normalizer must have a clip, and an epsilon of at most 1")
         checked(self.provenance, _Provenance, "provenance")
+
+
+def _fits_choices(low: float, high: float) -> bool:
+    """Return whether a component of a discrete action has whole numbers as bounds, and not too many between them."""
+    return float(low).is_integer() and float(high).is_integer() and high - low < MOST_CHOICES
 
 
 class _Provenance(Record, frozen=True, forbid_unknown_fields=False):
@@ -360,6 +369,8 @@ def _describe(policy: Policy) -> str:
         "return_scale": policy.return_scale,
         "reference": None,
     }
+    if task.discrete_actions:
+        description["task"]["discrete_actions"] = True
     if policy.clock is not None:
         description["clock"] = policy.clock.to_json()
     if policy.reference is not None:

@@ -51,6 +51,8 @@ def export_onnx(policy: Policy, path: str | Path, clock: Clock | None = None) ->
             differ from the policy's.
     """
     require()
+    if policy.task.discrete_actions:
+        raise PerdureError(f"this {policy.task.name} policy has discrete actions, which are not exported")
     if clock is not None and not policy.has_clock:
         raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
     data = _model(policy, clock).SerializeToString()

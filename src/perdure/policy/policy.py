@@ -33,6 +33,8 @@ SMALLEST_EPSILON = 1e-30
 class Policy:
     """A deterministic policy: the mean of the trained Gaussian, clipped to the action box or squashed into it.
 
+    Of discrete actions it is the choice with the largest output.
+
     Raises:
         PerdureError: If weights, normalizer and protocol do not fit together.
     """
@@ -69,7 +71,7 @@ class Policy:
         scale = self.return_scale
         if scale is not None and not (isinstance(scale, int | float) and 0 < scale < math.inf):
             raise PerdureError(f"{self.task.name}: return_scale must be a positive number or None, got {scale!r}")
-        if self.squash is not None and not np.isfinite(self._box).all():
+        if self.squash is not None and (self.task.discrete_actions or not np.isfinite(self._box).all()):
             raise PerdureError(f"{self.task.name}: a squashed output needs an action box with finite bounds")
         if self.reference is not None and len(self.reference.observation_low) != self.task.observation_size:
             raise PerdureError(
@@ -95,12 +97,12 @@ class Policy:
                 f"{self.task.name}: phi has {self.protocol.embedding_size} numbers, but hidden layers are modulated by "
                 f"{self._actor.modulation_size}"
             )
-        sizes = (self._actor.output_size, len(self.task.action_low), len(self.task.action_high))
-        if len(set(sizes)) > 1 or critic != (expected, 1):
+        bounds = (len(self.task.action_low), len(self.task.action_high))
+        if bounds[0] != bounds[1] or self._actor.output_size != self.task.output_size or critic != (expected, 1):
             raise PerdureError(
-                f"{self.task.name}: the networks have {sizes[0]} actions and {critic[1]} value(s) of "
-                f"{critic[0]} inputs, but the task has {sizes[1]} lower and {sizes[2]} upper bounds of "
-                f"actions, and the value is one number of {expected} inputs"
+                f"{self.task.name}: the networks have {self._actor.output_size} outputs and {critic[1]} value(s) of "
+                f"{critic[0]} inputs, but the task has {bounds[0]} lower and {bounds[1]} upper bounds of actions and "
+                f"needs {self.task.output_size} outputs, and the value is one number of {expected} inputs"
             )
 
     @classmethod
@@ -158,12 +160,20 @@ class Policy:
         """Act like :meth:`act`, from what :meth:`inputs` returns, or from a value of it in an ONNX graph."""
         outputs = self._actor(inputs)
         low, high = self._box
+        if self.task.discrete_actions:
+            return low + self._largest(outputs)
         if self.squash is None:
             actions = outputs.astype(np.float64)
         else:
             actions = self.squash(outputs, low, high)
         actions = np.maximum(actions, low, out=actions)
         return np.minimum(actions, high, out=actions)
+
+    def _largest(self, outputs: NDArray[np.float32]) -> FloatArray:
+        """Return which choice of each action component has the largest output, shape (n, action_size)."""
+        ends = np.cumsum(self.task.choices)
+        parts = np.split(outputs, ends[:-1], axis=1)
+        return np.stack([part.argmax(axis=1) for part in parts], axis=1).astype(np.float64)
 
     def start(self, clocks: Sequence[Clock | None]) -> PolicyEpisodes:
         """Begin episodes, one for each clock; see `perdure.policy.PolicyLike`."""
@@ -322,6 +332,18 @@ class TaskInfo:
     def action_size(self) -> int:
         """Length of one action."""
         return len(self.action_low)
+
+    @property
+    def choices(self) -> tuple[int, ...]:
+        """How many values each component of a discrete action has."""
+        return tuple(int(high - low) + 1 for low, high in zip(self.action_low, self.action_high, strict=True))
+
+    @property
+    def output_size(self) -> int:
+        """Length of the output of a policy's network: one number for each choice of a discrete action."""
+        if self.discrete_actions:
+            return sum(self.choices)
+        return self.action_size
 
 
 @dataclass(frozen=True, eq=False)

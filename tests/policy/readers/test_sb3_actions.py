@@ -5,14 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import other_spaces
 import pytest
 
+from perdure.errors import PerdureError
 from perdure.horizon import Constant, Countdown, Periodic
 from perdure.policy import Policy, load_policy, save_policy
 
 FIXTURES = Path(__file__).parent / "fixtures"
 HORIZON = 50
-TIMELESS = ("ppo", "ppo-sde", "a2c", "trpo", "sac", "sac-sde", "td3", "ddpg", "tqc")
+TIMELESS = ("ppo", "ppo-sde", "a2c", "trpo", "sac", "sac-sde", "td3", "ddpg", "tqc", "ars", "ars-mlp")
+OTHER_SPACES = {
+    **dict.fromkeys(("dqn", "qrdqn", "ppo-discrete"), "Acrobot-v1"),
+    "a2c-multidiscrete": other_spaces.TWO_GEARS,
+    "ppo-onehot": "FrozenLake-v1",
+    "sac-dict": other_spaces.DICT,
+}
 TIMED = ("ppo-time", "sac-time")
 
 
@@ -20,7 +28,8 @@ def imported(name, folder=FIXTURES, **options):
     normalizer = folder / f"{name}.pkl"
     options.setdefault("normalizer", normalizer if normalizer.exists() else "none")
     options.setdefault("time_feature", f"linear:{HORIZON}" if "time" in name else None)
-    return Policy.from_sb3(folder / f"{name}.zip", "Pendulum-v1", measure=False, **options)
+    env = f"gymnasium:{OTHER_SPACES.get(name, 'Pendulum-v1')}"
+    return Policy.from_sb3(folder / f"{name}.zip", env, measure=False, **options)
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +48,22 @@ def test_actions_are_those_of_stable_baselines3(name, recorded, tmp_path):
     np.testing.assert_allclose(given, expected, rtol=0, atol=1e-6)
     again = load_policy(save_policy(policy, tmp_path / "policy"))
     np.testing.assert_array_equal(again.act(recorded["observations"], np.zeros(1000)), given)
+
+
+@pytest.mark.parametrize("name", OTHER_SPACES)
+def test_actions_in_other_spaces_are_those_of_stable_baselines3(name, recorded, tmp_path):
+    """Discrete ones are equal; of several components, and from whole numbers or a dictionary as observations."""
+    expected = recorded[name].reshape(1000, -1)
+    assert len(np.unique(expected, axis=0)) > 1
+    policy = load_policy(save_policy(imported(name), tmp_path / "policy"))
+    given = policy.act(recorded[f"{name}-observations"], np.zeros(1000))
+    np.testing.assert_allclose(given, expected, rtol=0, atol=1e-6)
+
+
+def test_discrete_models_are_refused_where_their_choices_do_not_fit():
+    for name, env in (("dqn", "CartPole-v1"), ("qrdqn", "Pendulum-v1"), ("trpo", other_spaces.TWO_GEARS)):
+        with pytest.raises(PerdureError, match=r"takes \d+ numbers|actions are"):
+            Policy.from_sb3(FIXTURES / f"{name}.zip", f"gymnasium:{env}", normalizer="none", measure=False)
 
 
 @pytest.mark.filterwarnings("ignore::perdure.errors.PerdureWarning")

@@ -7,18 +7,21 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-from altered import FIXTURES, model, with_settings
+from altered import FIXTURES, model, rebuilt, with_settings
 from gymnasium.envs.classic_control import PendulumEnv
 
+from perdure.envs import task_spec
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.horizon import Countdown, Fixed, TimeFeature
 from perdure.policy import Policy, load_policy
 from perdure.policy.readers import import_once
-from perdure.policy.readers.sb3 import is_sb3_zip
+from perdure.policy.readers.sb3 import is_sb3_zip, read_sb3
+from perdure.policy.readers.sb3_import import trained_on
 from perdure.policy.readers.trusted import load_sb3
 
 ALGORITHMS = {
     **{"ppo": "PPO", "ppo-sde": "PPO", "ppo-time": "PPO", "a2c": "A2C", "trpo": "TRPO"},
+    **{"ars": "ARS", "ars-mlp": "ARS"},
     **{"sac": "SAC", "sac-sde": "SAC", "sac-time": "SAC", "td3": "TD3", "ddpg": "TD3", "tqc": "TQC"},
 }
 
@@ -30,7 +33,8 @@ def imported(name, env="Pendulum-v1", **options):
 
 
 def test_every_model_among_the_fixtures_is_named():
-    assert {path.stem for path in FIXTURES.glob("*.zip")} == set(ALGORITHMS)
+    others = {"dqn", "qrdqn", "ppo-discrete", "a2c-multidiscrete", "ppo-onehot", "sac-dict"}
+    assert {path.stem for path in FIXTURES.glob("*.zip")} == {*ALGORITHMS, *others}
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
@@ -38,8 +42,25 @@ def test_the_algorithm_and_the_source_are_noted(name):
     timed = "linear" if name.endswith("-time") else None
     provenance = imported(name, time_feature=timed).provenance
     assert provenance["method"] == f"SB3 {ALGORITHMS[name]} ({name})"
-    assert (provenance["seed"], provenance["steps"]) == (0, 128)
+    assert (provenance["seed"], provenance["steps"]) == (0, 800 if name.startswith("ars") else 128)
     assert provenance["source"]["stable-baselines3"] == "2.9.2"
+
+
+@pytest.mark.parametrize(
+    ("info", "engine"),
+    [
+        ("Gym: 0.19.0\n", "Gym 0.19.0, MuJoCo 2.1 or older (mujoco-py)"),
+        ("- Gymnasium: 1.1.1\n- OpenAI Gym: 0.26.2\n", "Gymnasium 1.1.1, MuJoCo of unknown version"),
+        ("- Numpy: 2.0\n", None),
+    ],
+)
+def test_the_engine_of_training_is_noted_where_the_zip_names_it(tmp_path, info, engine):
+    """Gym before 0.24 had only mujoco-py, which ends with MuJoCo 2.1; no zip names MuJoCo itself."""
+    path = tmp_path / "model.zip"
+    path.write_bytes(rebuilt(model("trpo"), {"system_info.txt": info.encode()}))
+    gym = read_sb3(path).gym
+    assert (trained_on(gym, task_spec("gymnasium:InvertedPendulum-v5")) or None) == engine
+    assert trained_on(gym, task_spec("gymnasium:Pendulum-v1")) == "", "no engine but Gymnasium's own"
 
 
 def test_a_missing_normalizer_is_named_with_its_flag(tmp_path):

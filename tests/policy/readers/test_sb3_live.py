@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from altered import Payload
+from test_sb3_actions import OTHER_SPACES
 
 from perdure.policy import Policy, measure_reference
 
 pytestmark = pytest.mark.verify
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("sb3_contrib")
-TIMELESS = ("ppo", "ppo-sde", "a2c", "trpo", "sac", "sac-sde", "td3", "ddpg", "tqc")
+TIMELESS = ("ppo", "ppo-sde", "a2c", "trpo", "sac", "sac-sde", "td3", "ddpg", "tqc", "ars", "ars-mlp")
 TIMED = ("ppo-time", "sac-time")
-PACKAGES = {"trpo": "sb3_contrib", "tqc": "sb3_contrib"}
+PACKAGES = dict.fromkeys(("trpo", "tqc", "ars"), "sb3_contrib")
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,8 @@ def imported(folder, name, **options):
     statistics = folder / f"{name}.pkl"
     time_feature = "linear:50" if name in TIMED else None
     options |= {"normalizer": statistics if statistics.exists() else None, "time_feature": time_feature}
-    return Policy.from_sb3(folder / f"{name}.zip", "Pendulum-v1", measure=False, **options)
+    env = f"gymnasium:{OTHER_SPACES.get(name, 'Pendulum-v1')}"
+    return Policy.from_sb3(folder / f"{name}.zip", env, measure=False, **options)
 
 
 def load(folder, name):
@@ -45,14 +47,15 @@ def load(folder, name):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("trust", [False, True])
-@pytest.mark.parametrize("name", [*TIMELESS, *TIMED])
+@pytest.mark.parametrize("name", [*TIMELESS, *TIMED, *OTHER_SPACES])
 def test_actions_are_equal(name, trust, made):
     policy = imported(made, name, trust=trust)
     with np.load(made / "actions.npz") as recorded:
         key = f"{name}-countdown" if name in TIMED else name
-        observations = recorded[f"{key}-observations" if name in TIMED else "observations"]
+        observations = recorded["observations" if name in TIMELESS else f"{key}-observations"]
         elapsed = np.arange(1000.0) if name in TIMED else np.zeros(1000)
-        np.testing.assert_allclose(policy.act(observations, elapsed), recorded[key], rtol=0, atol=1e-6)
+        expected = recorded[key].reshape(1000, -1)
+        np.testing.assert_allclose(policy.act(observations, elapsed), expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore")

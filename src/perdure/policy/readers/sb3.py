@@ -28,16 +28,58 @@ ACTOR_CRITIC = "stable_baselines3.common.policies"
 SAC = "stable_baselines3.sac.policies"
 TQC = "sb3_contrib.tqc.policies"
 TD3 = "stable_baselines3.td3.policies"
-FLATTEN_EXTRACTOR = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
-"""The features extractor that changes nothing."""
-DEFAULT_ACTIVATION = {ACTOR_CRITIC: "tanh", SAC: "relu", TQC: "relu", TD3: "relu"}
-"""Modules of the policy classes that are read, and the default activation function of each."""
+DQN = "stable_baselines3.dqn.policies"
+QRDQN = "sb3_contrib.qrdqn.policies"
+ARS = "sb3_contrib.ars.policies"
+EXTRACTORS = tuple(
+    f"<class 'stable_baselines3.common.torch_layers.{name}'>" for name in ("FlattenExtractor", "CombinedExtractor")
+)
+"""Features extractors that only join the parts of an observation: of one vector, and of a dictionary."""
+_LAYER = r"\.(\d+)\.(?:weight|bias)"
+
+
+@dataclass(frozen=True)
+class _Network:
+    """Where the state dict of a policy class has the layers between observation and action."""
+
+    layers: tuple[str, ...]
+    """Numbered layers, PREFIX.0, PREFIX.2, ..., one prefix after another."""
+    last: tuple[str, ...] = ()
+    """Names that the layer after these may have."""
+    others: str = ""
+    """Pattern of the names of what else is there, such as a critic."""
+    activation: str = "relu"
+    """Between layers, by default."""
+
+
+NETWORKS = {
+    ACTOR_CRITIC: _Network(
+        ("mlp_extractor.shared_net", "mlp_extractor.policy_net"),
+        ("action_net",),
+        rf"mlp_extractor\.value_net{_LAYER}|value_net\.(weight|bias)|log_std",
+        "tanh",
+    ),
+    **dict.fromkeys(
+        (SAC, TQC),
+        _Network(
+            ("actor.latent_pi",), ("actor.mu.0", "actor.mu"), r"actor\.log_std((\.0)?\.(weight|bias))?|critic.*"
+        ),
+    ),
+    TD3: _Network(("actor.mu",), others=r"(actor_target|critic).*"),
+    DQN: _Network(("q_net.q_net",), others=r"q_net_target\..*"),
+    QRDQN: _Network(("quantile_net.quantile_net",), others=r"quantile_net_target\..*"),
+    ARS: _Network(("action_net",)),
+}
+"""By the module of the policy class."""
 TORCH_ACTIVATIONS = {
     **{"ReLU": "relu", "Tanh": "tanh", "ELU": "elu", "SELU": "selu", "LeakyReLU": "leaky_relu", "Sigmoid": "sigmoid"},
     **{"SiLU": "silu", "GELU": "gelu", "Softplus": "softplus", "Mish": "mish"},
 }
 """Classes of `torch.nn` and our names."""
 _SIGNS = (
+    ("ARS", "delta_std_schedule"),
+    ("QRDQN", "n_quantiles"),
+    ("DQN", "exploration_fraction"),
     ("TRPO", "cg_max_steps"),
     ("PPO", "clip_range"),
     ("A2C", "normalize_advantage"),
@@ -49,7 +91,7 @@ _SIGNS = (
 _HARMLESS = {
     *("net_arch", "activation_fn", "squash_output", "clip_mean", "features_extractor_class"),
     *("use_sde", "log_std_init", "full_std", "use_expln", "ortho_init", "normalize_images", "n_critics", "n_quantiles"),
-    *("optimizer_class", "optimizer_kwargs", "share_features_extractor", "features_extractor_kwargs"),
+    *("optimizer_class", "optimizer_kwargs", "share_features_extractor", "features_extractor_kwargs", "with_bias"),
 }
 """Settings of a policy that are read, or do not change what it does once it is trained."""
 MAX_FILE = 1_000_000_000
@@ -59,7 +101,8 @@ MAX_SETTINGS = 64_000_000
 MAX_WEIGHTS = 512_000_000
 """Bytes of its weights, unpacked."""
 MAX_LAYERS = 32
-_LAYER = r"\.(\d+)\.(?:weight|bias)"
+MAX_CHOICES = 1_000_000
+"""Of one component of a discrete action."""
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Weight (in, out) and bias (out,)."""
 
@@ -73,6 +116,8 @@ class Sb3Model:
     """From observation to action."""
     version: str
     """Of the Stable-Baselines3 that wrote it; "" if unknown."""
+    gym: str = ""
+    """The Gym or Gymnasium of training, such as "Gym 0.19.0"; "" if unknown."""
 
 
 def read_sb3(path: Path) -> Sb3Model:
@@ -91,7 +136,19 @@ def read_sb3(path: Path) -> Sb3Model:
         version = members.read("_stable_baselines3_version", 100).decode("ascii", "replace")
     if not re.fullmatch(r"[\w.]+", version):
         version = ""
-    return Sb3Model(settings, read_layers(state.names, state.array, settings, what), version)
+    return Sb3Model(settings, read_layers(state.names, state.array, settings, what), version, read_gym(members))
+
+
+def read_gym(members: ZipMembers) -> str:
+    """Return the Gym or Gymnasium that training ran on, as the zip's `system_info.txt` has it; "" if it does not."""
+    if "system_info.txt" not in members.names:
+        return ""
+    text = members.read("system_info.txt", 100_000).decode("utf-8", "replace")
+    found = dict(re.findall(r"^(?:- )?(Gym|Gymnasium): ([\w.+]{1,30})$", text, re.MULTILINE))
+    for name in ("Gymnasium", "Gym"):
+        if name in found:
+            return f"{name} {found[name]}"
+    return ""
 
 
 def is_sb3_zip(path: Path) -> bool:
@@ -114,17 +171,21 @@ class Sb3Settings:
     algorithm: str
     """Such as "PPO"."""
     policy_module: str
-    """Module of the policy class, a key of ``DEFAULT_ACTIVATION``."""
+    """Module of the policy class, a key of ``NETWORKS``."""
     activation: str
     squash: TanhSquash | None
     """How the output goes through tanh and is stretched to the action box; None: it does not."""
     action_bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None
     """As written in the zip, rounded; None where it does not say."""
+    choices: tuple[int, ...]
+    """How many values each component of a discrete action has; empty: actions are continuous."""
+    observation_kind: str
+    """Name of the space of the observations, such as "Box"."""
     gamma: float
     behind_vecnormalize: bool
     """Whether training certainly ran behind a VecNormalize."""
     shows_vecnormalize: bool
-    """Whether the file would show a VecNormalize: models of PPO, A2C and TRPO that were trained do."""
+    """Whether the file would show a VecNormalize: models of PPO, A2C, TRPO and ARS that were trained do."""
     seed: int | None
     steps: int | None
     """Environment steps trained."""
@@ -138,29 +199,47 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
         raise PerdureError(f"{what}: its settings ('data') are not readable JSON") from None
     if not isinstance(values, dict):
         raise PerdureError(f"{what}: its settings ('data') are not a table")
-    _check_observations(_table(values, "observation_space"), what)
-    bounds = _action_bounds(_table(values, "action_space"), what)
+    observation_kind = _observation_kind(_table(values, "observation_space"), what)
+    action_space = _table(values, "action_space")
+    choices = _choices(action_space, what)
     kwargs = _table(values, "policy_kwargs")
-    module = _policy_module(_table(values, "policy_class"), what)
+    policy_class = _table(values, "policy_class")
+    module = _policy_module(policy_class, what)
     _check_kwargs(kwargs, what)
-    clip = _float(kwargs.get("clip_mean", 2.0), "clip_mean", what)
     squash = None
-    if module in (SAC, TQC) and values.get("use_sde") is True and clip > 0:
-        squash = TanhSquash(clip)
-    elif module != ACTOR_CRITIC or kwargs.get("squash_output") is True:
-        squash = TanhSquash()
+    if not choices:
+        squash = _squash(values, module, what)
+    shows = module in (ACTOR_CRITIC, ARS)
     return Sb3Settings(
         algorithm=next((name for name, sign in _SIGNS if sign in values), "model"),
         policy_module=module,
         activation=_activation(kwargs, module, what),
         squash=squash,
-        action_bounds=bounds,
+        action_bounds=_action_bounds(action_space),
+        choices=choices,
+        observation_kind=observation_kind,
         gamma=_float(values.get("gamma", 0.99), "gamma", what),
-        behind_vecnormalize=module == ACTOR_CRITIC and values.get("_last_original_obs") is not None,
-        shows_vecnormalize=module == ACTOR_CRITIC and values.get("_last_obs") is not None,
+        behind_vecnormalize=shows and values.get("_last_original_obs") is not None,
+        shows_vecnormalize=shows and values.get("_last_obs") is not None,
         seed=_whole(values.get("seed")),
         steps=_whole(values.get("num_timesteps")),
     )
+
+
+def _squash(values: dict[str, Any], module: str, what: str) -> TanhSquash | None:
+    """Return how the output goes through tanh, by the defaults of the policy's class; None: it does not."""
+    kwargs = _table(values, "policy_kwargs")
+    clip = _float(kwargs.get("clip_mean", 2.0), "clip_mean", what)
+    if module in (SAC, TQC) and values.get("use_sde") is True and clip > 0:
+        return TanhSquash(clip)
+    squashes = module != ACTOR_CRITIC
+    if module == ARS:  # its linear policy does not, its perceptron does
+        squashes = "ARSLinearPolicy." not in _short(_table(values, "policy_class").get("__init__"))
+    if module in (ACTOR_CRITIC, ARS):
+        squashes = kwargs.get("squash_output", squashes) is True
+    if squashes:
+        return TanhSquash()
+    return None
 
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
@@ -170,15 +249,37 @@ def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _check_observations(space: dict[str, Any], what: str) -> None:
-    _check_box(space, what, "observations; only vectors")
-    shape = space.get("_shape")
+def _observation_kind(space: dict[str, Any], what: str) -> str:
+    """Return the name of a space whose observations a perceptron reads as one vector; PerdureError for others."""
+    kind = _kind(space)
+    shape = space.get("_shape", space.get("shape"))
     if isinstance(shape, list) and len(shape) == 3 and space.get("dtype") == "uint8":
         raise PerdureError(f"{what} is for image observations: {USE_A_FUNCTION}")
+    if kind not in ("Box", "Discrete", "MultiDiscrete", "Dict"):
+        raise PerdureError(
+            f"{what} is for {kind} observations; only vectors (Box), whole numbers (Discrete, MultiDiscrete) and "
+            f"dictionaries of these are read from zips: {USE_A_FUNCTION}"
+        )
+    return kind
 
 
-def _action_bounds(space: dict[str, Any], what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    _check_box(space, what, "actions; only continuous ones")
+def _choices(space: dict[str, Any], what: str) -> tuple[int, ...]:
+    """Return how many values each component of a discrete action has; empty for a box."""
+    kind = _kind(space)
+    if kind == "Box":
+        return ()
+    if kind not in ("Discrete", "MultiDiscrete"):
+        raise PerdureError(
+            f"{what} is for {kind} actions; only continuous ones (Box) and discrete ones (Discrete, MultiDiscrete) are "
+            f"read from zips: {USE_A_FUNCTION}"
+        )
+    numbers = _written_numbers(str(space.get("n", space.get("nvec")))[:10_000])
+    if numbers is None or not len(numbers) or not ((numbers >= 1) & (numbers <= MAX_CHOICES)).all():
+        raise PerdureError(f"{what} does not say how many discrete actions it has")
+    return tuple(int(each) for each in numbers)
+
+
+def _action_bounds(space: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     low = _written_numbers(space.get("low"))
     high = _written_numbers(space.get("high"))
     if low is None or high is None:
@@ -196,29 +297,30 @@ def _written_numbers(text: Any) -> NDArray[np.float64] | None:
         return None
 
 
-def _check_box(space: dict[str, Any], what: str, words: str) -> None:
+def _kind(space: dict[str, Any]) -> str:
+    """Return the name of a space's class."""
     found = re.fullmatch(r"<class '[\w.]*?(\w+)'>", _short(space.get(":type:")))
-    kind = found[1] if found else "unknown"
-    if kind != "Box":
-        raise PerdureError(f"{what} is for {kind} {words} (Box) are read from zips: {USE_A_FUNCTION}")
+    if found is None:
+        return "unknown"
+    return found[1]
 
 
 def _policy_module(policy_class: dict[str, Any], what: str) -> str:
     module = policy_class.get("__module__")
-    if not isinstance(module, str) or module not in DEFAULT_ACTIVATION:
+    if not isinstance(module, str) or module not in NETWORKS:
         memory = ""
         if "recurrent" in _short(module):
             memory = " (for RecurrentPPO, its predict with recurrent=True)"
         raise PerdureError(
-            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy of PPO, A2C, TRPO, SAC, TQC "
-            f"and TD3{memory}: {USE_A_FUNCTION}"
+            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy and MultiInputPolicy of PPO, "
+            f"A2C, TRPO, SAC, TQC, TD3, DQN, QR-DQN and ARS{memory}: {USE_A_FUNCTION}"
         )
     return module
 
 
 def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
     unread = sorted({key for key in kwargs if not key.startswith(":")} - _HARMLESS)
-    if _short(kwargs.get("features_extractor_class", FLATTEN_EXTRACTOR)) != FLATTEN_EXTRACTOR:
+    if _short(kwargs.get("features_extractor_class", EXTRACTORS[0])) not in EXTRACTORS:
         unread.append("features_extractor_class")
     if unread:
         raise PerdureError(
@@ -229,7 +331,7 @@ def _check_kwargs(kwargs: dict[str, Any], what: str) -> None:
 def _activation(kwargs: dict[str, Any], module: str, what: str) -> str:
     written = kwargs.get("activation_fn")
     if written is None:
-        return DEFAULT_ACTIVATION[module]
+        return NETWORKS[module].activation
     found = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", _short(written))
     if found is None or found[1] not in TORCH_ACTIVATIONS:
         raise PerdureError(
@@ -271,34 +373,45 @@ def read_layers(
     Raises:
         PerdureError: If the network has other parts than a perceptron, or layers do not fit together.
     """
-    names = _layer_names(names, settings, what)
-    if len(names) > MAX_LAYERS:
-        raise PerdureError(f"{what} has {len(names)} layers; at most {MAX_LAYERS} are read")
-    layers = [(array(f"{name}.weight"), array(f"{name}.bias")) for name in names]
+    layer_names = _layer_names(names, settings, what)
+    if len(layer_names) > MAX_LAYERS:
+        raise PerdureError(f"{what} has {len(layer_names)} layers; at most {MAX_LAYERS} are read")
+    layers = []
+    for name in layer_names:
+        weight = array(f"{name}.weight")
+        if settings.policy_module == ARS and f"{name}.bias" not in names:
+            bias = np.zeros(weight.shape[:1], np.float32)
+        else:
+            bias = array(f"{name}.bias")
+        layers.append((weight, bias))
     size: int | None = None
-    for name, (weight, bias) in zip(names, layers, strict=True):
+    for name, (weight, bias) in zip(layer_names, layers, strict=True):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or size not in (None, weight.shape[1]):
             raise PerdureError(f"{what}: layer {name!r} does not fit the layer before it")
         size = weight.shape[0]
-    return [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
+    layers = [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
+    if settings.policy_module == QRDQN:
+        layers[-1] = _mean_of_quantiles(layers[-1], sum(settings.choices), what)
+    return layers
+
+
+def _mean_of_quantiles(layer: Layer, choices: int, what: str) -> Layer:
+    """Return the layer whose outputs are the mean quantile of each choice: the mean of a linear layer is one."""
+    weight, bias = layer
+    if not choices or len(bias) % choices:
+        raise PerdureError(f"{what}: its network has {len(bias)} quantiles of {choices} actions, which does not fit")
+    means = [each.reshape(*each.shape[:-1], -1, choices).mean(axis=-2, dtype=np.float64) for each in (weight, bias)]
+    return means[0].astype(np.float32), means[1].astype(np.float32)
 
 
 def _layer_names(names: list[str], settings: Sb3Settings, what: str) -> list[str]:
-    if settings.policy_module == ACTOR_CRITIC:
-        known = rf"mlp_extractor\.(shared_net|policy_net|value_net){_LAYER}|(action|value)_net\.(weight|bias)|log_std"
-        layers = [*_numbered(names, "mlp_extractor.shared_net"), *_numbered(names, "mlp_extractor.policy_net")]
-        layers.append("action_net")
-    elif settings.policy_module in (SAC, TQC):
-        known = rf"actor\.latent_pi{_LAYER}|actor\.(mu|log_std)(\.0)?\.(weight|bias)|actor\.log_std|critic.*"
-        layers = list(_numbered(names, "actor.latent_pi"))
-        if "actor.mu.0.weight" in names:
-            layers.append("actor.mu.0")
-        else:
-            layers.append("actor.mu")
-    else:
-        assert settings.policy_module == TD3
-        known = rf"actor\.mu{_LAYER}|(actor_target|critic).*"
-        layers = list(_numbered(names, "actor.mu"))
+    network = NETWORKS[settings.policy_module]
+    layers: list[str] = []
+    for prefix in network.layers:
+        layers += _numbered(names, prefix)
+    layers += [name for name in network.last if f"{name}.weight" in names][:1]
+    read = "|".join(map(re.escape, (*network.layers, *network.last)))
+    known = rf"({read})(\.\d+)?\.(weight|bias)|{network.others}"
     unknown = [name for name in names if not re.fullmatch(known, name)]
     if unknown or not layers:
         part = "no layers"

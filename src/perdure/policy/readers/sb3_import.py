@@ -56,7 +56,8 @@ def import_sb3(
     """Return the deterministic policy of a Stable-Baselines3 or sb3-contrib model.
 
     Its actions are those of `model.predict(observation, deterministic=True)` up to rounding in 32 bits. Read are PPO,
-    A2C, TRPO, SAC, TQC, TD3 and DDPG with MlpPolicy and continuous actions.
+    A2C, TRPO, SAC, TQC, TD3, DDPG, DQN, QR-DQN and ARS with MlpPolicy, LinearPolicy or MultiInputPolicy; actions may be
+    continuous or discrete (Discrete, MultiDiscrete).
 
     Args:
         path: The zip that `model.save` wrote.
@@ -111,7 +112,11 @@ def import_sb3(
                 stacklevel=2,
             )
     policy = _policy(model, spec, statistics, steps, horizon, str(path))
-    policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
+    provenance = _provenance(model, path, written, env, time_feature)
+    engine = trained_on(model.gym, spec)
+    if engine:
+        provenance["engine"] = engine
+    policy = replace(policy, provenance=provenance)
     if measure:
         policy = replace(policy, reference=measure_reference(policy))
     return policy
@@ -236,10 +241,14 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
             f"{what}: its network takes {inputs} numbers, but {spec.name} gives {expected}{hint}; with other "
             f"wrappers: {USE_A_FUNCTION}"
         )
-    if outputs != spec.action_size or spec.discrete_actions:
-        kind = " that are discrete" if spec.discrete_actions else ""
+    task = TaskInfo.of(spec)
+    choices: tuple[int, ...] = ()
+    if spec.discrete_actions:
+        choices = task.choices
+    if outputs != task.output_size or choices != model.settings.choices or (choices and spec.action_low.any()):
         raise PerdureError(
-            f"{what}: its network gives {outputs} numbers, but {spec.name} takes {spec.action_size}{kind}"
+            f"{what}: its actions are {_actions_text(outputs, model.settings.choices)}, those of {spec.name} "
+            f"{_actions_text(spec.action_size, choices)}"
         )
     if model.settings.action_bounds is None:
         return
@@ -251,6 +260,13 @@ def _check_sizes(model: Sb3Model, spec: TaskSpec, steps: int | None, what: str) 
                 f"{what}: its actions have the {name} bounds {written.tolist()}, those of {spec.name} "
                 f"{np.asarray(needed).tolist()}; with a wrapper that rescales actions: {USE_A_FUNCTION}"
             )
+
+
+def _actions_text(size: int, choices: tuple[int, ...]) -> str:
+    """Return what actions are, in words."""
+    if choices:
+        return f"discrete with {' x '.join(map(str, choices))} choices from 0"
+    return f"{size} continuous numbers"
 
 
 def _warn_of_normalizer(
@@ -310,6 +326,27 @@ def _provenance(
     return provenance
 
 
+MUJOCO_BINDINGS = (0, 24)
+"""The first Gym whose environments can use MuJoCo's own Python package. Before it, all used mujoco-py."""
+
+
+def trained_on(gym: str, spec: TaskSpec) -> str:
+    """Return the engine of training, as far as a model says; "" if it does not, or the task is not MuJoCo's.
+
+    Args:
+        gym: As in `Sb3Model`.
+        spec: Of the task that the model acts in.
+    """
+    if not gym or "MuJoCo" not in spec.engine:
+        return ""
+    name, _, version = gym.partition(" ")
+    parts = [int(each) for each in re.findall(r"\d+", version)[:2]]
+    mujoco = "MuJoCo of unknown version"
+    if name == "Gym" and tuple(parts) < MUJOCO_BINDINGS:
+        mujoco = "MuJoCo 2.1 or older (mujoco-py)"
+    return f"{gym}, {mujoco}"
+
+
 def library_versions() -> dict[str, str]:
     """Return the versions of the libraries that decide what an imported policy does in its reference episodes."""
     return versions("envpool", "gymnasium", "mujoco", "numpy")
@@ -349,14 +386,22 @@ def _statistics(state: dict[Any, Any], what: str) -> Statistics:
     if state.get("norm_obs") is False:
         return Statistics(None, gamma)
     statistics = state.get("obs_rms")
-    if isinstance(statistics, dict):
-        raise PerdureError(f"{what} is for observations that are a dictionary, which are not read")
-    if not (isinstance(statistics, Stub) and isinstance(statistics.state, dict)):
+    if not isinstance(statistics, dict):
+        statistics = {"": statistics}
+    means = []
+    variances = []
+    for name in sorted(statistics):  # the order in which Gymnasium joins the parts of a dictionary
+        part = statistics[name]
+        if not (isinstance(part, Stub) and isinstance(part.state, dict)):
+            raise PerdureError(f"{what} holds no observation statistics")
+        means.append(_number(part.state, "mean", what).ravel())
+        variances.append(_number(part.state, "var", what).ravel())
+    if not means:
         raise PerdureError(f"{what} holds no observation statistics")
-    mean, var = (_number(statistics.state, name, what).ravel() for name in ("mean", "var"))
     clip, epsilon = (_single(state, name, what) for name in ("clip_obs", "epsilon"))
-    count = _single(statistics.state, "count", what)
-    return Statistics(checked_normalizer(mean, var, clip, epsilon, what), gamma, count)
+    count = _single(part.state, "count", what)
+    normalizer = checked_normalizer(np.concatenate(means), np.concatenate(variances), clip, epsilon, what)
+    return Statistics(normalizer, gamma, count)
 
 
 def checked_normalizer(
