@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -90,7 +91,7 @@ def train_command(
             settings: The learner's settings; the defaults are those of task and method.
         """
         from perdure.disturbances import STANDARDS, parse_disturbance, parse_disturbances
-        from perdure.learn.run import TrainRun, on_report
+        from perdure.learn.run import TrainRun, kept_steps, on_report
         from perdure.learn.run import tensorboard as curves
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
@@ -114,12 +115,36 @@ def train_command(
                 for observer in observers:
                     observer(status)
 
-            paths = train_run(run, out, cores=cores, on=on, observe=observe)
+            for seed, steps in kept_steps(run, out).items():
+                if steps:
+                    print(f"perdure: seed {seed} resumes at step {steps:,}", file=sys.stderr)
+            try:
+                paths = train_run(run, out, cores=cores, on=on, observe=observe)
+            except KeyboardInterrupt as interrupt:
+                interrupt.add_note(_kept(run.config, kept_steps(run, out)))
+                raise
         print(*paths, sep="\n")
 
     # The flags are those of the method's algorithm, such as --ppo.gamma.
     train.__annotations__["settings"] = Annotated[type(config), tyro.conf.arg(name=config.name)]
     return train
+
+
+def _kept(config: Configuration, steps: dict[int, int]) -> str:
+    """Return what an interrupted run keeps, in words.
+
+    Args:
+        config: The learner's settings.
+        steps: Environment steps that the checkpoint of each unfinished seed keeps.
+    """
+    words = []
+    for seed, count in steps.items():
+        if count:
+            words.append(f"seed {seed} up to step {count:,}")
+        else:
+            every = config.segment_iterations * config.iteration_steps
+            words.append(f"nothing of seed {seed} (its first checkpoint comes after {every:,} steps)")
+    return f"kept: {', '.join(words) or 'everything'}; run the same command to continue"
 
 
 def _task_first(args: list[str]) -> list[str]:

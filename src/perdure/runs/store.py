@@ -213,6 +213,10 @@ class Store:
                 names.clear()
         return tuple(sorted(found))
 
+    def work_folder(self, key: str) -> Path:
+        """Return the folder in which an unfinished unit keeps its files between attempts; it may not exist."""
+        return self.root / ".working" / _flat(key)
+
     def _folder(self, key: str) -> Path:
         folder = self.root / check_key(key)
         if not folder.parent.resolve().is_relative_to(self.root.resolve()):
@@ -239,7 +243,7 @@ class Store:
     def _begin_work(self, unit: Identity) -> Path:
         if self.done(unit.key):
             raise PerdureError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
-        folder = self._hidden("working") / _flat(unit.key)
+        folder = self.work_folder(unit.key)
         folder.mkdir(parents=True, exist_ok=True)
         if any(each.name != RECORD and not each.name.startswith(".") for each in folder.iterdir()):
             Identity.read(folder).check_same(unit, str(folder))
