@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,7 @@ from perdure.errors import PerdureError
 
 if TYPE_CHECKING:
     from perdure.learn.algorithm import Configuration
+    from perdure.learn.run import TrainRun
 
 
 def main(name: str, args: list[str]) -> None:
@@ -91,7 +92,7 @@ def train_command(
             settings: The learner's settings; the defaults are those of task and method.
         """
         from perdure.disturbances import STANDARDS, parse_disturbance, parse_disturbances
-        from perdure.learn.run import TrainRun, kept_steps, on_report
+        from perdure.learn.run import TrainRun, on_report
         from perdure.learn.run import tensorboard as curves
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
@@ -115,14 +116,8 @@ def train_command(
                 for observer in observers:
                     observer(status)
 
-            for seed, steps in kept_steps(run, out).items():
-                if steps:
-                    print(f"perdure: seed {seed} resumes at step {steps:,}", file=sys.stderr)
-            try:
+            with _say_what_is_kept(run, out):
                 paths = train_run(run, out, cores=cores, on=on, observe=observe)
-            except KeyboardInterrupt as interrupt:
-                interrupt.add_note(_kept(run.config, kept_steps(run, out)))
-                raise
         print(*paths, sep="\n")
 
     # The flags are those of the method's algorithm, such as --ppo.gamma.
@@ -130,21 +125,26 @@ def train_command(
     return train
 
 
-def _kept(config: Configuration, steps: dict[int, int]) -> str:
-    """Return what an interrupted run keeps, in words.
+@contextmanager
+def _say_what_is_kept(run: TrainRun, out: Path) -> Iterator[None]:
+    """Print where each seed resumes, and give an interruption of the block the words of what checkpoints keep."""
+    from perdure.learn.run import kept_steps
 
-    Args:
-        config: The learner's settings.
-        steps: Environment steps that the checkpoint of each unfinished seed keeps.
-    """
-    words = []
-    for seed, count in steps.items():
+    for seed, count in kept_steps(run, out).items():
         if count:
-            words.append(f"seed {seed} up to step {count:,}")
-        else:
-            every = config.segment_iterations * config.iteration_steps
-            words.append(f"nothing of seed {seed} (its first checkpoint comes after {every:,} steps)")
-    return f"kept: {', '.join(words) or 'everything'}; run the same command to continue"
+            print(f"perdure: seed {seed} resumes at step {count:,}", file=sys.stderr)
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        every = run.config.segment_iterations * run.config.iteration_steps
+        words = []
+        for seed, count in kept_steps(run, out).items():
+            if count:
+                words.append(f"seed {seed} up to step {count:,}")
+            else:
+                words.append(f"nothing of seed {seed} (its first checkpoint comes after {every:,} steps)")
+        interrupt.add_note(f"kept: {', '.join(words) or 'everything'}; run the same command to continue")
+        raise
 
 
 def _task_first(args: list[str]) -> list[str]:
