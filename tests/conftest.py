@@ -48,8 +48,8 @@ def pytest_configure(config):
         folder = tempfile.TemporaryDirectory(prefix="perdure-compiled-", ignore_cleanup_errors=True)
         config.add_cleanup(folder.cleanup)
         os.environ[COMPILED] = folder.name
-    # Programs here are compiled for a few steps only. The bytes stay the same: see test_goldens.py.
-    os.environ.setdefault("XLA_FLAGS", "--xla_llvm_disable_expensive_passes=true")
+    # Programs here run for a few steps only, so LLVM does not optimize them. Set XLA_FLAGS to compile them as users do.
+    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 

@@ -46,6 +46,9 @@ def main(args: Sequence[str] | None = None) -> None:
         then = "the same command starts from the beginning"
         if resumes(words):
             then = "run the same command to continue"
+        notes = getattr(interrupt, "__notes__", [])
+        if notes:  # the command knows what is kept
+            then = notes[-1]
         print(f"perdure: interrupted; {then}", file=sys.stderr)
         if isinstance(interrupt, _TerminatedError):
             sys.exit(143)

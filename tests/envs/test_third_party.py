@@ -177,16 +177,16 @@ def test_a_module_that_cannot_be_imported_is_named(tmp_path, monkeypatch):
 @pytest.mark.parametrize("reward", [float("nan"), 1e308])
 def test_training_names_the_environment_whose_rewards_nobody_can_learn_from(tmp_path, reward):
     gymnasium.register("perdure-test-Unpaid-v0", lambda: Broken(lambda: (np.zeros(3), reward, False, False, {})))
-    with pytest.raises(PerdureError, match=r"Unpaid-v0.*rewards \[") as refusal:
+    with pytest.raises(PerdureError, match=r"Unpaid-v0.*reward") as refusal:
         train(TrainRun("gymnasium:perdure-test-Unpaid-v0", "ppo", SHORT), tmp_path / "out", cores=1)
     assert "JAX" not in str(refusal.value)
     gymnasium.registry.pop("perdure-test-Unpaid-v0")
 
 
-def test_rewards_that_add_up_to_infinity_are_blamed_on_the_environment():
+def test_a_reward_whose_sums_overflow_is_named():
     world = GymnasiumWorld([lambda: Dazzling()], [0], "mine", default_horizon=10)
     policy = FunctionPolicy(lambda seen: np.zeros((len(seen), 1)), TaskInfo("mine", 3, (-1.0,), (1.0,)))
-    with pytest.raises(PerdureError, match=r"mine.*inf"):
+    with pytest.raises(PerdureError, match=r"mine, lane 0, step 1: the reward is 1e\+308"):
         measure_reference(policy, 1, world)
 
 

@@ -166,12 +166,12 @@ def test_what_pays_in_the_long_run_is_learned_and_the_average_reward_found_acros
     config = PPOConfig(protocol=CUT, estimator="average-reward", total_steps=512 * 16, segment_steps=512 * 8, **SMALL)
     segments = Segments("gymnasium:perdure-Orchard-v0", config, threads=1)
     start = segments.first(0)
-    state = segments.run(segments.first(0), lambda step, mean: None)
+    state = segments.run(segments.first(0), lambda step, facts: None)
     save_checkpoint(state, tmp_path / "c")
     read = load_checkpoint(tmp_path / "c", start)
     assert jax.tree.map(float, read.learner.estimator) == jax.tree.map(float, state.learner.estimator)
     assert float(read.learner.estimator.rollouts) == 8
-    ended = segments.run(read, lambda step, mean: None)
+    ended = segments.run(read, lambda step, facts: None)
     assert planted(segments.algorithm.policy(ended.learner)) > 0.9
     scale = np.sqrt(float(ended.learner.statistics.returns.var[0]))
     # The last rollouts earn nearly 1.5 less what the noise of exploration costs.

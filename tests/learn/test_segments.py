@@ -21,7 +21,7 @@ from perdure.errors import OtherSourceWarning, PerdureError
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.learn import PPOConfig, TrainRun, on_report, train
 from perdure.learn.checkpoint import load_checkpoint, save_checkpoint
-from perdure.learn.run import Segments
+from perdure.learn.run import Segments, kept_steps, tensorboard
 from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"
@@ -86,10 +86,27 @@ def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_sa
     with pytest.raises(Killed):
         train(run(1), tmp_path, cores=1, observe=die_at(SEGMENT + 64, 1))
     assert not (tmp_path / run(1).key(1)).exists(), "an unfinished run must not look finished"
+    assert kept_steps(run(1), tmp_path) == {1: SEGMENT}
     seen = []
     train(run(1), tmp_path, cores=1, observe=on_report(run(1), lambda report: seen.append(report.step)))
     assert seen[0] == SEGMENT + 64, "the run must go on from its last checkpoint, not from the start"
     assert files(tmp_path, 1) == files(solo, 1)
+    assert kept_steps(run(1), tmp_path) == {}, "a finished run has no checkpoint"
+
+
+def test_a_report_has_the_reward_of_a_step_and_curves_have_the_losses(tmp_path):
+    """In this task every step pays 1, however long the episodes are."""
+    pytest.importorskip("tensorboardX")
+    one = replace(run(1), config=replace(TINY, total_steps=SEGMENT))
+    reports = []
+    with tensorboard(tmp_path / "curves") as watch:
+        observe = on_report(one, lambda report: (reports.append(report), watch(report)))
+        train(one, tmp_path / "runs", cores=1, observe=observe)
+    assert reports[-1].reward_per_step == 1.0
+    assert reports[-1].mean_return == reports[-1].mean_length > 1
+    (events,) = (tmp_path / "curves").iterdir()
+    curves = ("reward_per_step", "mean_length", "approx_kl", "value_loss", "explained_variance")
+    assert all(f"train/seed-1/{name}".encode() in events.read_bytes() for name in curves)
 
 
 def weights(path):
@@ -200,7 +217,7 @@ def chain(runner):
     """The states after 0, 1, 2, 3 segments of a run that never left memory."""
     states = [runner.first(5)]
     for _ in range(3):
-        states.append(runner.run(copy(states[-1]), lambda step, mean: None))
+        states.append(runner.run(copy(states[-1]), lambda step, facts: None))
     return states
 
 
@@ -213,7 +230,7 @@ class TestCheckpointFiles:
     def test_a_run_stopped_after_each_segment_is_the_run_that_was_not(self, runner, chain, tmp_path):
         for before, expected in pairwise(chain[1:]):
             save_checkpoint(before, tmp_path / "c")
-            state = runner.run(load_checkpoint(tmp_path / "c", chain[0]), lambda step, mean: None)
+            state = runner.run(load_checkpoint(tmp_path / "c", chain[0]), lambda step, facts: None)
             assert bits(state) == bits(expected)
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):

@@ -207,6 +207,17 @@ def test_a_torque_limit_of_the_contract_or_of_a_disturbance_replaces_the_joints(
     assert (data.actuator_force[0], data.qfrc_actuator[-1]) == (torque, torque)
 
 
+def test_a_model_is_compiled_again_when_a_file_that_it_includes_has_changed(ant, tmp_path):
+    (tmp_path / "leg.xml").write_text("<mujoco><include file='body.xml'/></mujoco>")
+    one = dict.fromkeys(("default_pose", "damping"), (0.0,)) | dict.fromkeys(("stiffness", "action_scale"), (100.0,))
+    leg = replace(ant, model=str(tmp_path / "leg.xml"), joints=("hip",), trunk=(), effort_limit=None, **one)
+    (tmp_path / "body.xml").write_text(LEG)
+    before = compiled(leg, False)
+    assert compiled(leg, False) is before
+    (tmp_path / "body.xml").write_text(LEG.replace("size='.1' pos", "size='.2' pos"))
+    assert compiled(leg, False).geom_size[-1, 0] == 0.2
+
+
 def test_a_term_that_is_scaled_to_nothing_is_zero(ant):
     scales = (0.0, 1.0, -2.0)
     env = VelocityCommandEnv(replace(ant, observations=(Term("base_ang_vel", scale=scales, history=1),)))

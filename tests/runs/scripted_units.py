@@ -3,6 +3,7 @@
 import ctypes
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -33,6 +34,11 @@ def count(work, *, to, log):
 def where(work):
     cores = sorted(os.sched_getaffinity(0))
     (work.folder / "where").write_text(f"{cores} {work.threads} {os.environ['OPENBLAS_NUM_THREADS']} {os.getpid()}")
+
+
+def read_input(work, **arguments):
+    """Leaves what it can read on standard input."""
+    (work.folder / "text").write_bytes(sys.stdin.buffer.read())
 
 
 def fail(work, *, message):

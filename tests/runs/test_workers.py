@@ -107,6 +107,12 @@ def test_the_end_of_a_process_is_blamed_on_what_it_was_calling(tmp_path, how, sa
     assert str(failure.value) == f"1 of 1 units failed: unit: {said}"
 
 
+def test_a_unit_finds_nothing_on_standard_input(tmp_path):
+    """Not the arguments of the next unit, which its process gets there."""
+    run_missing([unit("first", "read_input"), unit("second", "read_input")], tmp_path, "local", 1)
+    assert [(Store(tmp_path).get(key) / "text").read_bytes() for key in ("first", "second")] == [b"", b""]
+
+
 def test_a_call_that_lasts_is_named(monkeypatch, capsys):
     monkeypatch.setattr(progress, "HANG_SECONDS", 0.01)
     progress._watch_calls.__wrapped__()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,7 @@ from perdure.errors import PerdureError
 
 if TYPE_CHECKING:
     from perdure.learn.algorithm import Configuration
+    from perdure.learn.run import TrainRun
 
 
 def main(name: str, args: list[str]) -> None:
@@ -114,12 +116,35 @@ def train_command(
                 for observer in observers:
                     observer(status)
 
-            paths = train_run(run, out, cores=cores, on=on, observe=observe)
+            with _say_what_is_kept(run, out):
+                paths = train_run(run, out, cores=cores, on=on, observe=observe)
         print(*paths, sep="\n")
 
     # The flags are those of the method's algorithm, such as --ppo.gamma.
     train.__annotations__["settings"] = Annotated[type(config), tyro.conf.arg(name=config.name)]
     return train
+
+
+@contextmanager
+def _say_what_is_kept(run: TrainRun, out: Path) -> Iterator[None]:
+    """Print where each seed resumes, and give an interruption of the block the words of what checkpoints keep."""
+    from perdure.learn.run import kept_steps
+
+    for seed, count in kept_steps(run, out).items():
+        if count:
+            print(f"perdure: seed {seed} resumes at step {count:,}", file=sys.stderr)
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        every = run.config.segment_iterations * run.config.iteration_steps
+        words = []
+        for seed, count in kept_steps(run, out).items():
+            if count:
+                words.append(f"seed {seed} up to step {count:,}")
+            else:
+                words.append(f"nothing of seed {seed} (its first checkpoint comes after {every:,} steps)")
+        interrupt.add_note(f"kept: {', '.join(words) or 'everything'}; run the same command to continue")
+        raise
 
 
 def _task_first(args: list[str]) -> list[str]:

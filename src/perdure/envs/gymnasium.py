@@ -17,6 +17,7 @@ import numpy as np
 from perdure.envs.suites import unknown_task
 from perdure.envs.world import FloatArray, IntArray, Step, TaskSpec, TrackedWorld, checked_actions, checked_seeds
 from perdure.errors import PerdureError, note_call
+from perdure.schema import LARGEST
 
 if TYPE_CHECKING:
     import gymnasium
@@ -439,13 +440,17 @@ def read_observation(where: str, method: str, space: Any, observation: Any) -> F
 
 
 def read_reward(where: str, reward: Any) -> float:
-    """Return a reward as a number; PerdureError if it is not one real number."""
+    """Return a reward as a number; PerdureError if it is not one real number, or so large that sums overflow."""
     if isinstance(reward, float):  # NumPy's float64 too
-        return float(reward)
-    value = np.asarray(reward)
-    if value.dtype.kind not in "fiub" or value.size != 1:
-        raise PerdureError(f"{where}: the reward must be a real number, it is {reward!r}")
-    return float(value.reshape(()))
+        number = float(reward)
+    else:
+        value = np.asarray(reward)
+        if value.dtype.kind not in "fiub" or value.size != 1:
+            raise PerdureError(f"{where}: the reward must be a real number, it is {reward!r}")
+        number = float(value.reshape(()))
+    if LARGEST < abs(number) < math.inf:  # an infinite one is a sign of divergence
+        raise PerdureError(f"{where}: the reward is {number:g}; rewards must be at most {LARGEST:g} in size")
+    return number
 
 
 def read_flag(where: str, name: str, flag: Any) -> bool:

@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from perdure.envs.gymnasium import call, divergence_count, read_observation, read_tuple, shaped_actions, spec_of
+from perdure.envs.gymnasium import (
+    call,
+    divergence_count,
+    read_observation,
+    read_reward,
+    read_tuple,
+    shaped_actions,
+    spec_of,
+)
 from perdure.envs.world import (
     MAX_SEED,
     BoolArray,
@@ -19,6 +27,7 @@ from perdure.envs.world import (
     checked_seeds,
 )
 from perdure.errors import PerdureError
+from perdure.schema import LARGEST
 
 
 class VectorEnvWorld(TrackedWorld):
@@ -110,6 +119,8 @@ class VectorEnvWorld(TrackedWorld):
         returned = call(name, "step", self._env.step, shaped_actions(self._action_space, everyone))
         batch, rewards, terminated, truncated, info = read_tuple(name, "step", returned, 5)
         rewards = self._column("rewards", rewards, "fiu").astype(np.float64)
+        for lane in np.flatnonzero(np.abs(rewards) > LARGEST):  # rare: nan compares as false
+            read_reward(f"{name}, lane {lane}", rewards[lane])
         terminated = self._column("terminated", terminated, "b")
         truncated = self._column("truncated", truncated, "b")
         self._shown = self._rows("step", batch)

@@ -60,6 +60,18 @@ def save_checkpoint(state: RunState, path: Path) -> None:
     write_atomic(path, save(arrays, {FORMAT: header}))
 
 
+def checkpoint_segments(path: Path) -> int:
+    """Return the segments that a checkpoint keeps, without its arrays; 0 where there is none that can be read."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="numpy") as file:
+            header: _Header = read_json((file.metadata() or {}).get(FORMAT, ""), _Header)
+    except (SafetensorError, OSError, PerdureError):  # what is wrong is said by the run that loads it
+        return 0
+    return header.segment
+
+
 def load_checkpoint(path: Path, start: RunState) -> RunState:
     """Read the state back, bit for bit.
 

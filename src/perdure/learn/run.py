@@ -12,9 +12,9 @@ import dataclasses
 import math
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from perdure.envs.world import MAX_SEED
 from perdure.errors import PerdureError
 from perdure.horizon import Embedding
 from perdure.learn.algorithm import Algorithm, Configuration, algorithm_of, all_methods, usual_config
-from perdure.learn.checkpoint import RunState, load_checkpoint, save_checkpoint
+from perdure.learn.checkpoint import RunState, checkpoint_segments, load_checkpoint, save_checkpoint
 from perdure.learn.presets import ZOO
 from perdure.learn.start import start_file, trained_steps
 from perdure.policy import Policy, find_policy, load_policy, measure_reference, save_policy
@@ -57,7 +57,10 @@ EPISODE_COLUMNS = ("step", "return", "length")
 UNNAMED_PRESETS = (ZOO, None)
 """Presets that folders and policy files do not name."""
 RECENT_EPISODES = 20
-"""Training episodes whose mean return is reported."""
+"""Training episodes over which return, length and reward per step are reported."""
+DIAGNOSTICS = "diagnostics/"
+"""Begins the names of an algorithm's own numbers among the facts of a report. TensorBoard shows them, the line of
+progress does not."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,25 @@ def train(
     return [store.get(unit.key) / POLICY for unit in units]
 
 
+def kept_steps(run: TrainRun, out: str | Path) -> dict[int, int]:
+    """Return the environment steps of each unfinished seed that its checkpoint keeps; 0 without a checkpoint.
+
+    Args:
+        run: The training run.
+        out: The folder of the store that keeps the runs.
+    """
+    store = Store(out)
+    kept = {}
+    for seed in run.seeds:
+        unit = run.unit(seed)
+        if store.done(unit.key, unit.config):
+            continue
+        segments = checkpoint_segments(store.work_folder(unit.key) / CHECKPOINT)
+        iterations = min(segments * run.config.segment_iterations, run.config.iterations)
+        kept[seed] = iterations * run.config.iteration_steps
+    return kept
+
+
 @dataclass(frozen=True)
 class Report:
     """Progress report of a training run."""
@@ -198,6 +220,13 @@ class Report:
     """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
     share: float
     """Share of the work that is done, all seeds together, from 0 to 1."""
+    reward_per_step: float = math.nan
+    """Mean reward of a step in these episodes. Other than the return, it compares methods whose episodes have other
+    lengths."""
+    mean_length: float = math.nan
+    """Mean length of these episodes in steps."""
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    """The algorithm's own numbers of its last iteration, such as its losses."""
 
 
 def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
@@ -209,15 +238,32 @@ def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
             progress = status[run.key(seed)]
             if progress.facts and progress.done != last.get(seed):
                 last[seed] = progress.done
-                mean = progress.facts.get("return", float("nan"))
-                callback(Report(seed, int(progress.done), int(progress.total), mean, total_share(status)))
+                facts = progress.facts
+                report = Report(
+                    seed=seed,
+                    step=int(progress.done),
+                    steps=int(progress.total),
+                    mean_return=facts.get("return", math.nan),
+                    share=total_share(status),
+                    reward_per_step=facts.get("reward_per_step", math.nan),
+                    mean_length=facts.get("length", math.nan),
+                    diagnostics={
+                        name.removeprefix(DIAGNOSTICS): value
+                        for name, value in facts.items()
+                        if name.startswith(DIAGNOSTICS)
+                    },
+                )
+                callback(report)
 
     return observe
 
 
 @contextmanager
 def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
-    """Return a function of reports that writes ``train/seed-N/mean_return`` for TensorBoard, at the seed's step.
+    """Return a function of reports that writes them for TensorBoard, at the seed's step.
+
+    The curves are ``train/seed-N/mean_return``, ``mean_length``, ``reward_per_step`` and the algorithm's own, such as
+    ``approx_kl`` and ``explained_variance``.
 
     Raises:
         PerdureError: If tensorboardX is not installed.
@@ -229,8 +275,11 @@ def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
     writer = SummaryWriter(str(folder))
 
     def watch(report: Report) -> None:
-        if not math.isnan(report.mean_return):
-            writer.add_scalar(f"train/seed-{report.seed}/mean_return", report.mean_return, report.step)
+        values = {name: getattr(report, name) for name in ("mean_return", "mean_length", "reward_per_step")}
+        values.update(report.diagnostics)
+        for name, value in values.items():
+            if not math.isnan(value):
+                writer.add_scalar(f"train/seed-{report.seed}/{name}", value, report.step)
 
     try:
         yield watch
@@ -267,7 +316,7 @@ def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = N
         state = load_checkpoint(checkpoint, state)
     # One more segment.
     if state.segment < run.config.segments:
-        state = segments.run(state, lambda step, mean: work.report(step, steps, **{"return": mean}))
+        state = segments.run(state, lambda step, facts: work.report(step, steps, **facts))
         save_checkpoint(state, checkpoint)
     if state.segment < run.config.segments:
         return False
@@ -307,12 +356,13 @@ class Segments:
         iterations = np.zeros((0, len(self.columns)))
         return RunState(seed, 0, self.algorithm.init(seed, start), episodes, iterations)
 
-    def run(self, state: RunState, progress: Callable[[int, float], None]) -> RunState:
+    def run(self, state: RunState, progress: Callable[[int, dict[str, float]], None]) -> RunState:
         """Train a seed for its next segment. The memory of ``state``'s learner is reused.
 
         Args:
             state: After the segments so far.
-            progress: Called after each iteration with (environment steps so far, mean return of the last episodes).
+            progress: Called after each iteration with (environment steps so far, facts): "return", "reward_per_step"
+                and "length" of the last episodes, and the algorithm's numbers, whose names begin with DIAGNOSTICS.
         """
         config = self._config
         seed = state.seed
@@ -343,7 +393,8 @@ class Segments:
                 step = (iteration + 1) * config.iteration_steps
                 episodes.append(metrics.episodes)
                 iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
-                progress(step, _recent_return(episodes))
+                own = {f"{DIAGNOSTICS}{name}": value for name, value in metrics.diagnostics.items()}
+                progress(step, {**_recent_episodes(episodes), **own})
         except Exception as error:
             if self._slot.error is None or error is self._slot.error:
                 raise
@@ -358,12 +409,16 @@ _segments = lru_cache(maxsize=1)(Segments)
 """Keeps the compiled programs from segment to segment."""
 
 
-def _recent_return(episodes: list[NDArray[np.float64]]) -> float:
-    """Return the mean return of the last RECENT_EPISODES of these rows; nan if there are none."""
-    last = np.concatenate(episodes)[-RECENT_EPISODES:, 1]
-    if not len(last):
-        return math.nan
-    return float(last.mean())
+def _recent_episodes(episodes: list[NDArray[np.float64]]) -> dict[str, float]:
+    """Return means over the last RECENT_EPISODES of these rows; nan if there are none."""
+    _, returns, lengths = np.concatenate(episodes)[-RECENT_EPISODES:].T
+    if not len(returns):
+        return dict.fromkeys(("return", "reward_per_step", "length"), math.nan)
+    return {
+        "return": float(returns.mean()),
+        "reward_per_step": float(returns.sum() / lengths.sum()),
+        "length": float(lengths.mean()),
+    }
 
 
 def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str | None = None) -> Policy:

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import copy
 import math
+import os
+import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -44,16 +46,50 @@ FALLBACK_RANGE = math.pi  # half the range of a joint without limits [rad]
 TRUNK = 1  # kinds of geoms
 FLOOR = 2
 MINUTE = 60.0
+TEXTS = (".xml", ".mjcf", ".urdf")
+"""Endings of model files that name others."""
+ASSET_FOLDER = re.compile(rb"""(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
+FILE_NAME = re.compile(rb"""\bfile(?:name)?\s*=\s*["']([^"']+)["']""")
 JOINT_FIELDS = {"armature": "armature", "joint_damping": "damping", "friction_loss": "frictionloss"}
 
 
-@lru_cache(4)
 def compiled(contract: Contract, visual: bool) -> Any:
     """Return MuJoCo's model of a robot on a floor, with a controller for each joint in the order of the contract.
+
+    It is compiled once, and again when one of its files has changed.
 
     Raises:
         PerdureError: If MuJoCo cannot read it, or it does not fit the contract.
     """
+    return _compiled(contract, visual, _content(Path(contract.model)))
+
+
+def _content(model: Path) -> str:
+    """Return a digest of a model's files: the text of the XML, size and time of meshes and pictures it names."""
+    digest = sha256()
+    waiting = [model]
+    seen = set[Path]()
+    while waiting:
+        file = waiting.pop()
+        if file in seen or not file.is_file():
+            continue
+        seen.add(file)
+        if file.suffix.lower() not in TEXTS:
+            found = file.stat()
+            digest.update(f"{file} {found.st_size} {found.st_mtime_ns}".encode())
+            continue
+        text = file.read_bytes()
+        digest.update(text)
+        # A named file lies beside the model, beside the file that names it, or in a folder that the compiler is told.
+        folders = {model.parent, file.parent}
+        folders |= {model.parent / os.fsdecode(each) for each in ASSET_FOLDER.findall(text)}
+        waiting += [folder / os.fsdecode(name) for name in FILE_NAME.findall(text) for folder in sorted(folders)]
+    return digest.hexdigest()
+
+
+@lru_cache(4)
+def _compiled(contract: Contract, visual: bool, content: str) -> Any:
+    """Return the model; `content` is only part of the key of the cache."""
     try:
         spec = mujoco.MjSpec.from_file(contract.model)
         # The contract's controllers replace the model's own actuators, whose torque limits still hold.

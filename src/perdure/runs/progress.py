@@ -144,10 +144,11 @@ def count_states(status: Status) -> str:
 
 
 def _words(status: Status, pace: _Pace) -> str:
+    """Return the state in words. Facts whose name has a slash are for curves, not for this line."""
     facts: dict[str, list[float]] = {}
     for each in status.values():
         for name, value in each.facts.items():
-            if math.isfinite(value):
+            if math.isfinite(value) and "/" not in name:
                 facts.setdefault(name.replace("_", " "), []).append(value)
     shown = [f"{name} {sum(values) / len(values):,.4g}" for name, values in facts.items()]
     parts = [f"{math.floor(100 * total_share(status))}%"]

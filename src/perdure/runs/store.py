@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import os
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError
+from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError, warn
 from perdure.runs.files import acquire, held, release, sync
 from perdure.runs.identity import RECORD, Identity, check_key, source_digest
 from perdure.schema import LARGEST, Record, read_json
@@ -193,11 +192,10 @@ class Store:
             folders += [place for place in places if (place / RECORD).is_file()]
         others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
         if others:
-            warnings.warn(
+            warn(
                 f"{len(others)} of {len(folders)} results were made by another version of perdure's source code and "
                 f"are reused, such as {others[0]}. Remove a result's folder to compute it again.",
                 OtherSourceWarning,
-                stacklevel=2,
             )
 
     def keys(self, prefix: str = "") -> tuple[str, ...]:
@@ -212,6 +210,10 @@ class Store:
                 found.append(Path(folder).relative_to(self.root).as_posix())
                 names.clear()
         return tuple(sorted(found))
+
+    def work_folder(self, key: str) -> Path:
+        """Return the folder in which an unfinished unit keeps its files between attempts; it may not exist."""
+        return self.root / ".working" / _flat(key)
 
     def _folder(self, key: str) -> Path:
         folder = self.root / check_key(key)
@@ -239,7 +241,7 @@ class Store:
     def _begin_work(self, unit: Identity) -> Path:
         if self.done(unit.key):
             raise PerdureError(f"{unit.key!r} is finished already, in {self._folder(unit.key)}.")
-        folder = self._hidden("working") / _flat(unit.key)
+        folder = self.work_folder(unit.key)
         folder.mkdir(parents=True, exist_ok=True)
         if any(each.name != RECORD and not each.name.startswith(".") for each in folder.iterdir()):
             Identity.read(folder).check_same(unit, str(folder))

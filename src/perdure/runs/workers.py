@@ -245,10 +245,15 @@ class _Process:
 def serve() -> None:
     """Run a worker process: read the arguments of `answer` from stdin, write one answer per line to stdout.
 
-    What units print goes to standard error.
+    What units print goes to standard error, and they read from /dev/null: a unit that waits for input fails at once
+    instead of reading the next argument.
     """
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
+    arguments = os.fdopen(os.dup(0), "rb")
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
     # PR_SET_PDEATHSIG: the kernel ends this process with its parent. No file is left incomplete.
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
     if os.getppid() != int(sys.argv[3]):  # the parent has ended while this process was starting
@@ -259,7 +264,7 @@ def serve() -> None:
         os.sched_setaffinity(0, cores)
     with suppress(EOFError):  # the parent has closed the pipe
         while True:
-            page, *job = pickle.load(sys.stdin.buffer)
+            page, *job = pickle.load(arguments)
             call_pages[0] = mmap.mmap(page, PAGE_BYTES)
             answers.write(json.dumps(answer(*job)) + "\n")
             answers.flush()
