@@ -51,8 +51,7 @@ setup: ## Create .venv and install perdure into it (quick when nothing changed)
 
 demo: setup ## Run two shipped Hoppers, calm and disturbed, and two home demonstrations, and write the reports
 	@set -ex; \
-	$(BIN)/perdure extrapolate Hopper-v3/geometric Hopper-v3/ppo --clocks constant:500 --steps $(DEMO_STEPS) \
-		--eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/Hopper-v3"; \
+	$(BIN)/perdure demo --steps $(DEMO_STEPS) --eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/Hopper-v3"; \
 	{ set +x; } 2>/dev/null; \
 	rm -rf "$(DEMO_OUT)/set_table/runs"; \
 	for place in $(DEMO_PLACES); do \

@@ -15,6 +15,7 @@ from itertools import pairwise
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/index.md"
 USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
 
+  perdure demo                                         two Hoppers, one holds and one falls: a minute, then a page
   perdure train Hopper-v3 --method geometric           train with time-to-go (or plain PPO, or a control)
   perdure extrapolate Hopper-v3/geometric              run policies far beyond their training horizon, and report
   perdure import model.zip --env Hopper-v5             convert a Stable-Baselines3 model to a policy file
@@ -51,10 +52,10 @@ def _names(usage: str, before: str) -> tuple[str, ...]:
 
 COMMANDS = _names(USAGE, "perdure ")
 HOME_COMMANDS = _names(HOME_USAGE, "perdure home ")
-MODULES = {"train": "train", "extrapolate": "extrapolate", "report": "extrapolate"}
+MODULES = {"demo": "demo", "train": "train", "extrapolate": "extrapolate", "report": "extrapolate"}
 """Modules of commands that are not in `perdure.cli.commands`."""
 ALIASES = {"analyse": "analyze"}
-RESUMING = ("train", "extrapolate", "home train", "home run")
+RESUMING = ("demo", "train", "extrapolate", "home train", "home run")
 """Commands that keep finished parts of an interrupted run."""
 
 

@@ -28,7 +28,12 @@ def main(name: str, args: list[str]) -> None:
     if name == "report":
         call(report, args, name)
     else:
-        extrapolate(call(Flags, args, name), whole_command(args, name))
+        extrapolate_words(args)
+
+
+def extrapolate_words(args: list[str]) -> None:
+    """Run ``perdure extrapolate`` with these arguments."""
+    extrapolate(call(Flags, args, "extrapolate"), whole_command(args, "extrapolate"))
 
 
 @dataclass(frozen=True, kw_only=True)
