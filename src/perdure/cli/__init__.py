@@ -21,7 +21,7 @@ USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, a
   perdure import model.zip --env Hopper-v5             convert a Stable-Baselines3 model to a policy file
   perdure export Hopper-v3/geometric policy.onnx       export a policy as an ONNX model
   perdure report extrapolation                         write the report of an evaluation again
-  perdure watch Hopper-v3/ppo-falls --until-failure    film a policy as it fails
+  perdure watch Hopper-v3/ppo --out fall.mp4           film a policy as it fails
   perdure card my-policy --table extrapolation         write a policy's model card
   perdure list policies                                list tasks, methods, policies or disturbances
   perdure inspect Hopper-v3/geometric                  show what a policy file contains

@@ -34,5 +34,5 @@ def demo(out: Path = Path("demo"), steps: int = 20_000, eval_seeds: int = 3, cor
     print(f"This runs each for {steps:,} calm steps, and 36 times under standard-1 (small disturbances).\n", flush=True)
     extrapolate_words(words)
     print("Open it in a browser. Then:")
-    print(f"  perdure watch {falls} --disturb standard-1 --out fall.mp4    see it fall (needs perdure[film])")
-    print("  perdure extrapolate model.zip --env Hopper-v5 --out mine             judge your own policy")
+    print(f"  perdure watch {falls} --out fall.mp4                   see it fall (needs perdure[film])")
+    print("  perdure extrapolate model.zip --env Hopper-v5 --out mine    judge your own policy")

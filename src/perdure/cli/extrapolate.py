@@ -95,7 +95,7 @@ def _evaluate_function(flags: Flags, command: str) -> ExtrapolationResult:
 def _evaluate_files(flags: Flags, command: str) -> ExtrapolationResult:
     """Evaluate policy files, ONNX models and models of Stable-Baselines3, and draw stills of a failure."""
     from perdure.evaluate.run import takes_clock
-    from perdure.evaluate.watch import add_stills
+    from perdure.evaluate.stills import add_stills
     from perdure.policy.onnx import is_onnx
 
     names = [str(each) for each in flags.policies]
