@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from perdure.evaluate.episodes import window_steps
+from perdure.evaluate.judge import judge_table
 from perdure.evaluate.reference import Idle
-from perdure.evaluate.verdict import judge_episode, make_score_scale
+from perdure.evaluate.verdict import make_score_scale
 from perdure.policy.reference import BIN_STEPS, Reference
 from perdure.report.groups import NO_CLOCK
-from perdure.report.schema import COLUMNS, GOALS
+from perdure.report.schema import COLUMNS, GOALS, RAW
 
 T, EPISODES = 1000, 20
 
@@ -49,16 +50,20 @@ class Case:
     """Its last step is a success, the first one."""
     falls_within: int | None = None
     """Step at which its reference episodes end."""
+    every_other_falls: int | None = None
+    """Step at which every other reference episode ends."""
+    horizon: int = T
 
     def reference(self) -> Reference:
         rng = np.random.default_rng(abs(hash_of(self.name)))
-        length = self.falls_within or T
-        rewards = np.zeros((EPISODES, T))
-        for episode in range(EPISODES):
+        lengths = np.full(EPISODES, self.falls_within or self.horizon)
+        lengths[::2] = self.every_other_falls or lengths[0]
+        rewards = np.zeros((EPISODES, self.horizon))
+        for episode, length in enumerate(lengths):
             rewards[episode, :length] = self.within(np.arange(1, length + 1), rng)
-        bins = rewards.reshape(EPISODES, T // BIN_STEPS, BIN_STEPS).sum(axis=2)
-        ended = np.full(EPISODES, self.falls_within is not None)
-        return Reference(T, bins, np.full(EPISODES, length), ended, np.zeros(1), np.ones(1))
+        bins = rewards.reshape(EPISODES, self.horizon // BIN_STEPS, BIN_STEPS).sum(axis=2)
+        ended = (lengths < self.horizon) | (self.falls_within is not None)
+        return Reference(self.horizon, bins, lengths, ended, np.zeros(1), np.ones(1))
 
     def episode(self) -> tuple[np.ndarray, np.ndarray, int, str]:
         """Steps, returns, end step and end reason of one long episode."""
@@ -289,10 +294,10 @@ class Robots:
         first = self.episodes[0]
         scale = make_score_scale(first.reference(), Idle(first.idle, first.idle - first.spread), first.task)
         kind, _, number = self.clock.rstrip(")").partition("(")
-        labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0, "train_horizon": float(T)}
+        labels = {"policy": "ppo", "method": "ppo", "task": "Robot", "train_seed": 0}
+        labels |= {"train_horizon": float(first.horizon)}
         labels |= {"clock": self.clock, "clock_kind": kind, "clock_steps": float(number or math.nan), "end_detail": ""}
         labels |= {"not_applied": "", "step_seconds": 0.036, "movement_first": 0.3}
-        labels |= {name: value for name, value in vars(scale).items() if name in COLUMNS}
         rows, has_goal = [], any(case.at_goal for case in (*self.episodes, *self.disturbed))
         for disturbance, cases in (("none", self.episodes), ("standard-1", self.disturbed)):
             for seed, case in enumerate(cases):
@@ -302,15 +307,13 @@ class Robots:
                 goals = (end, 1.0, 1.0) if case.at_goal else GOALS.values() if has_goal else (math.nan,) * 3
                 mine |= {"end_step": end, "end_reason": reason, "movement_last": moved}
                 mine |= dict(zip(GOALS, goals, strict=True))
-                mine |= asdict(judge_episode(steps, returns, end, reason, scale, case.at_goal))
                 lives = reason == "survived"
                 rows += [
                     mine | {"step": int(step), "return": total, "alive": lives or step < end}
                     for step, total in zip(steps, returns, strict=True)
                 ]
-        return pl.DataFrame(rows, infer_schema_length=None).select(
-            pl.col(name).cast(kind) for name, kind in COLUMNS.items()
-        )
+        raw = pl.DataFrame(rows, infer_schema_length=None).select(pl.col(name).cast(COLUMNS[name]) for name in RAW)
+        return judge_table(raw, {("ppo", 0): scale})
 
 
 def several(count: int, case: Case, **changes: Any) -> tuple[Case, ...]:

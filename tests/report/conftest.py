@@ -57,6 +57,10 @@ def judged(rate, late, survives, reason, end_step):
         "failed_step": end_step * 9 // 10 if outcome in ("decays", "fails silently") else end_step,
         "end_score_vs_training": score if survives else 1.0 if end_step >= 1000 else math.nan,
         "ever_idle": outcome == "fails silently",
+        "other_engine": "",
+        "idle_steps": math.nan,
+        **dict.fromkeys(("way_rate", "training_low_share", "low_share"), math.nan),
+        **dict.fromkeys(("calm_rate", "work_vs_calm", "work_vs_published"), math.nan),
     }
 
 

@@ -181,7 +181,11 @@ class TestWhatItSays:
         ends = [math.inf] * 19 + [5000]
         first = synthetic([{"rate": 2.0, "ends": ends}], episodes=20, train_seeds=(0,))
         second = synthetic([{"rate": 2.0, "ends": [math.inf] * 17 + [5000] * 3}], episodes=20, train_seeds=(1,))
-        assert summary_text(pl.concat([first, second])).splitlines()[0].endswith("holds for 100,000 steps")
+        assert (
+            summary_text(pl.concat([first, second]))
+            .splitlines()[0]
+            .endswith("holds for 100,000 steps, but met few disturbances")
+        )
 
     def test_a_fall_before_the_first_window_counts_as_0(self, synthetic):
         frame = synthetic([{"rate": 2.0, "ends": [500] * 4 + [math.inf] * 4}])
@@ -191,7 +195,7 @@ class TestWhatItSays:
 
     def test_where_every_step_pays_the_same_no_score_is_named(self, synthetic):
         text = summary_text(synthetic([{"rate": 1.0, "idle_rate": 1.0}]))
-        assert "an idle robot earns as much." in text
+        assert "an idle robot earns as much (1.00 a step)." in text
         assert "score against its own training" not in text
 
     def test_a_best_clock_is_not_named_where_none_holds_or_there_is_one(self, synthetic):
@@ -217,7 +221,7 @@ class TestWhatItSays:
 
     def test_a_policy_that_holds_is_said_to_with_its_interval(self, synthetic):
         lines = summary_text(synthetic([{"rate": 2.0, "spread": 0.3}])).splitlines()
-        assert lines[0].endswith("holds for 100,000 steps")
+        assert lines[0].endswith("holds for 100,000 steps, but met few disturbances")
         assert "8 of 8 episodes (95 % interval 63 % to 100 %)" in lines[1]  # Clopper-Pearson
         assert "score against its own training at the end: 1.00." in lines[1]
 
@@ -236,7 +240,7 @@ class TestWhatItSays:
         )
         assert summary_text(frame).splitlines()[0] == (
             "Hopper-v3: ppo: falls within its own training horizon in 8 of 8 episodes: train longer; "
-            "geometric, always 900 steps to go: holds for 100,000 steps"
+            "geometric, always 900 steps to go: holds for 100,000 steps, but met few disturbances"
         )
 
     def test_many_policies_are_counted_by_verdict(self, synthetic):

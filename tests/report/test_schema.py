@@ -27,7 +27,7 @@ def test_a_table_is_read_back_as_written_with_its_metadata(tmp_path, frame):
     assert back.schema == dict(COLUMNS)
     assert metadata == {"command": 'perdure extrapolate "a b" --c 5'}
     notes = pl.read_parquet_metadata(path)
-    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "4")
+    assert (notes["schema"], notes["version"]) == ("perdure.extrapolation", "5")
 
 
 def test_the_same_table_gives_the_same_bytes(tmp_path, frame):
@@ -93,7 +93,7 @@ def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
     (tmp_path / "cut").write_bytes(write_table(tmp_path / "t", frame, {}).read_bytes()[:-20])
     frame.write_parquet(tmp_path / "foreign")
     frame.write_parquet(tmp_path / "old", metadata={"schema": "perdure.extrapolation", "version": "0"})
-    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "4"})
+    frame.write_parquet(tmp_path / "bare", metadata={"schema": "perdure.extrapolation", "version": "5"})
     expected = {
         "absent": "does not exist",
         ".": "is not a file",
@@ -101,7 +101,7 @@ def test_files_that_are_no_table_are_refused_in_one_sentence(tmp_path, frame):
         "empty": "is not a Parquet file",
         "cut": "damaged",
         "foreign": "not a table of the schema perdure.extrapolation",
-        "old": "has version 0 .* reads version 4",
+        "old": "has version 0 .* reads versions 4 and 5",
         "bare": "SHA-256",
     }
     for name, sentence in expected.items():

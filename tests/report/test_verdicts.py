@@ -75,7 +75,7 @@ class TestHeadline:
         table = pl.concat([synthetic(methods), synthetic([methods[0] | ends])])
         assert summary_text(table).splitlines()[0] == (
             "Hopper-v3: ppo: holds when calm, under standard-1 falls in 3 of 8 episodes; "
-            "linear: holds for 100,000 steps"
+            "linear: holds for 100,000 steps, but met few disturbances"
         )
 
     def test_many_are_counted_calm_and_disturbed(self, synthetic):

@@ -20,7 +20,7 @@ from perdure.report.charts import Format
 from perdure.report.outcomes import NeverWorked
 
 NOT_HOLDING = 3
-"""Exit code of `--require holds` if something does not hold."""
+"""Exit code of `--require` if something does not hold."""
 
 
 def main(name: str, args: list[str]) -> None:
@@ -56,8 +56,9 @@ class Flags(Extrapolation):
     """Folder for the table and the report. Finished parts of an interrupted evaluation are kept there."""
     cores: Cores = None
     on: On = "local"
-    require: Literal["holds"] | None = None
-    """End with exit code 3, and a line that names them, if policies, clocks or disturbances do not hold."""
+    require: Literal["holds", "clean"] | None = None
+    """End with exit code 3, and a line that names them, if policies do not hold under every clock and disturbance
+    (holds), or hold with a caveat (clean)."""
     json: bool = False
     """Print the summary as one JSON document, and nothing else on standard output."""
 
@@ -188,11 +189,11 @@ def write_and_show(
         judged: The verdicts of the table are those of this version: it was written a moment ago.
 
     Raises:
-        SystemExit: With `NOT_HOLDING` if "holds" is required and something in the table does not hold.
+        SystemExit: With `NOT_HOLDING` if something in the table misses what is required.
     """
     from perdure.evaluate.judge import read_judged
     from perdure.report import estimate_table, read_episodes, summary_text, write_report
-    from perdure.report.page import STILLS, not_holding, summary_json
+    from perdure.report.page import REQUIREMENTS, STILLS, summary_json
 
     if judged:
         episodes, notes = read_episodes(table)
@@ -204,7 +205,7 @@ def write_and_show(
         print(summary_text(estimates))
     page = write_report(estimates, out, notes.get("command", ""), formats, notes, table.parent / STILLS).resolve()
     print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
-    missed = [] if require is None else not_holding(estimates)
+    missed = [] if require is None else REQUIREMENTS[require](estimates)
     if missed:
         print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)
         raise SystemExit(NOT_HOLDING)

@@ -6,8 +6,9 @@ beside the table, so that other rules can judge stored episodes without a simula
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ from perdure.evaluate.reference import Idle
 from perdure.evaluate.verdict import ScoreScale, judge_episode, make_score_scale, published_rate
 from perdure.policy import Reference
 from perdure.report.schema import COLUMNS, JUDGED, Episodes, read_episodes
+from perdure.report.work import WORK, Curve, with_work
 from perdure.runs import file_digest, write_atomic
 from perdure.schema import Parquet, checked, parquet_bytes
 
@@ -35,8 +37,8 @@ NOTE = "baselines"
 PolicyKey = tuple[str, int]
 """Label and training seed of a policy of a table."""
 Scales = Mapping[PolicyKey, ScoreScale]
-Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""Recorded steps of an episode, and the sum of rewards up to each."""
+_OF_EPISODE = tuple(name for name in JUDGED if name not in WORK)
+"""Judged columns that follow from an episode alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +49,34 @@ class Baseline:
     """The policy within its training horizon."""
     idle: Idle
     """An idle robot in the same task."""
+    other_engine: str = ""
+    """In what it was trained and in what it is judged, if these differ, see `other_engine`."""
 
     def scale(self, task: str) -> ScoreScale:
         """Return the score scale of the policy in a task, such as "Hopper-v3"."""
-        return make_score_scale(self.reference, self.idle, published_rate(task), is_contract(task))
+        scale = make_score_scale(self.reference, self.idle, published_rate(task), is_contract(task))
+        return replace(scale, idle_steps=self.idle.steps, other_engine=self.other_engine)
 
 
 Baselines = Mapping[PolicyKey, Baseline]
+_MUJOCO = re.compile(r"MuJoCo (\d+\.\d+\.\d+)")
+
+
+def other_engine(trained: str, judged: str) -> str:
+    """Return in what a policy was trained and is judged, if its versions of MuJoCo differ; "" if not, or unknown.
+
+    What is around MuJoCo does not count: tasks of EnvPool and Gymnasium are equal to 1e-9, Humanoid to 1e-7.
+
+    Args:
+        trained: Engine of the training, such as "EnvPool 1.2.5, MuJoCo 3.6.0", or "".
+        judged: That of the evaluation.
+    """
+    before = _MUJOCO.search(trained)
+    now = _MUJOCO.search(judged)
+    versions = [None if found is None else found[1] for found in (before, now)]
+    if not trained or versions[0] == versions[1]:
+        return ""
+    return f"trained in {trained}, judged in {judged}"
 
 
 def make_scales(baselines: Baselines, task: str) -> Scales:
@@ -68,8 +91,8 @@ def judge_table(frame: pl.DataFrame, scales: Scales) -> pl.DataFrame:
     """Return a table with the columns that are judged, `JUDGED`.
 
     Args:
-        frame: Raw columns, as `episode_table` makes them, episode after episode; they may differ in disturbances and
-            steps.
+        frame: Raw columns of one task, as `episode_table` makes them, episode after episode; they may differ in
+            disturbances and steps.
         scales: The score scale of each policy.
     """
     last = np.flatnonzero(frame["step"] == frame["test_horizon"])
@@ -77,30 +100,53 @@ def judge_table(frame: pl.DataFrame, scales: Scales) -> pl.DataFrame:
     grid = frame["step"].to_numpy()
     returns = frame["return"].to_numpy()
     curves = [(grid[begin:end], returns[begin:end]) for begin, end in zip(begins, last + 1, strict=True)]
-    judged = _judge(frame[last], curves, scales)
+    judged = with_work(_judge(frame[last], curves, scales), curves).select(JUDGED)
     return frame.drop(JUDGED, strict=False).hstack(judged[np.repeat(np.arange(len(last)), last + 1 - begins)])
 
 
-def judge_again(episodes: Episodes, scales: Scales) -> Episodes:
-    """Return the episodes of a stored table with the columns that are judged computed anew."""
-    curves = [(episodes.steps, returns) for returns in episodes.returns]
-    return replace(episodes, facts=episodes.facts.with_columns(_judge(episodes.facts, curves, scales)))
+def judge_again(parts: Sequence[Episodes], scales: Mapping[str, Scales]) -> tuple[Episodes, ...]:
+    """Return the episodes of a stored table with the columns that are judged computed anew.
+
+    Args:
+        parts: All episodes of the table.
+        scales: By task, the score scale of each policy.
+    """
+    judged = [replace(part, facts=_judge(part.facts, _curves(part), scales[part.facts["task"][0]])) for part in parts]
+    return _work_again(judged)
+
+
+def _work_again(parts: Sequence[Episodes]) -> tuple[Episodes, ...]:
+    """Return the episodes with their work: of all columns but `WORK`."""
+    import polars as pl
+
+    curves = [curve for part in parts for curve in _curves(part)]
+    facts = with_work(pl.concat([part.facts for part in parts]), curves)
+    found = []
+    begin = 0
+    for part in parts:
+        found.append(replace(part, facts=facts.slice(begin, len(part.facts))))
+        begin += len(part.facts)
+    return tuple(found)
+
+
+def _curves(part: Episodes) -> list[Curve]:
+    return [(part.steps, returns) for returns in part.returns]
 
 
 def _judge(episodes: pl.DataFrame, curves: Iterable[Curve], scales: Scales) -> pl.DataFrame:
-    """Return the judged columns of episodes, one row for each: of their raw columns and their curves."""
+    """Return episodes, one row for each, with the columns that follow from each of them alone: all but `WORK`."""
     import polars as pl
 
     rows = []
     for episode, (steps, returns) in zip(episodes.iter_rows(named=True), curves, strict=True):
         rows.append(_judged_row(episode, steps, returns, scales))
-    return pl.DataFrame(rows, {name: COLUMNS[name] for name in JUDGED})
+    return episodes.with_columns(pl.DataFrame(rows, {name: COLUMNS[name] for name in _OF_EPISODE}))
 
 
 def _judged_row(
     episode: Mapping[str, Any], steps: NDArray[np.int64], returns: NDArray[np.float64], scales: Scales
 ) -> dict[str, Any]:
-    """Return the judged columns of one episode.
+    """Return the judged columns of one episode but its work.
 
     Args:
         episode: Its raw columns.
@@ -122,13 +168,14 @@ def _judged_row(
         episode["goal_at_end"] == 1.0,
     )
     found = {**vars(scale), **asdict(verdict)}
-    return {name: found[name] for name in JUDGED}
+    return {name: found[name] for name in _OF_EPISODE}
 
 
 def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]:
     """Read a table as its episodes, with the verdicts that the rules of this version give them.
 
-    Without baselines beside it, as of an older version, a table keeps its verdicts. The file is not changed.
+    Without baselines beside it, as of an older version, a table keeps its verdicts, and only the columns that its
+    version lacked are computed. The file is not changed.
 
     Returns:
         (episodes of each task and disturbance, metadata): as `perdure.report.read_episodes`.
@@ -139,7 +186,7 @@ def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]
     found, notes = read_episodes(path)
     file = Path(path).parent / BASELINES
     if NOTE not in notes or not file.is_file():
-        return found, notes
+        return _work_again(found), notes
     if file_digest(file) != notes[NOTE]:
         raise PerdureError(
             f"{file} is damaged or belongs to another table than {path}: run the evaluation again, or remove {file} to "
@@ -148,7 +195,7 @@ def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]
     baselines = read_baselines(file)
     tasks = {part.facts["task"][0] for part in found}
     scales = {task: make_scales(baselines, task) for task in tasks}
-    judged = tuple(judge_again(part, scales[part.facts["task"][0]]) for part in found)
+    judged = judge_again(found, scales)
     changed = sum(
         int((new.facts["outcome"] != old.facts["outcome"]).sum()) for new, old in zip(judged, found, strict=True)
     )
@@ -176,7 +223,14 @@ def _columns() -> dict[str, Any]:
         "idle_zero": pl.Float64(),
         "idle_random": pl.Float64(),
         "idle_discrete": pl.Boolean(),
+        "idle_zero_steps": pl.Float64(),
+        "idle_random_steps": pl.Float64(),
+        "other_engine": pl.String(),
     }
+
+
+_ADDED = {"idle_zero_steps": None, "idle_random_steps": None, "other_engine": ""}
+"""Columns that files of earlier versions lack, and what they then hold."""
 
 
 def write_baselines(folder: Path, baselines: Baselines) -> dict[str, str]:
@@ -200,6 +254,9 @@ def write_baselines(folder: Path, baselines: Baselines) -> dict[str, str]:
                 "idle_zero": baseline.idle.zero,
                 "idle_random": baseline.idle.random,
                 "idle_discrete": baseline.idle.discrete,
+                "idle_zero_steps": baseline.idle.zero_steps,
+                "idle_random_steps": baseline.idle.random_steps,
+                "other_engine": baseline.other_engine,
             }
         )
     path = write_atomic(folder / BASELINES, parquet_bytes(pl.DataFrame(rows, _columns())))
@@ -214,7 +271,8 @@ def read_baselines(path: Path) -> dict[PolicyKey, Baseline]:
     """
     try:
         parquet = Parquet(path.read_bytes())
-        if parquet.columns != _columns():
+        expected = {name: kind for name, kind in _columns().items() if name in parquet.columns or name not in _ADDED}
+        if parquet.columns != expected:
             raise PerdureError(f"its columns must be {', '.join(_columns())}")
         return dict(_baselines(parquet.read().iter_rows(named=True)))
     except (PerdureError, TypeError, ValueError) as error:
@@ -225,6 +283,7 @@ def _baselines(rows: Iterable[dict[str, Any]]) -> Iterable[tuple[PolicyKey, Base
     """Yield the baseline of each row of the file."""
     unseen = np.zeros(0)
     for row in rows:
+        row = _ADDED | row
         lengths = np.array(row["lengths"], np.int64)
         reference = Reference(
             row["horizon"],
@@ -234,5 +293,6 @@ def _baselines(rows: Iterable[dict[str, Any]]) -> Iterable[tuple[PolicyKey, Base
             unseen,
             unseen,
         )
-        idle = {"zero": row["idle_zero"], "random": row["idle_random"], "discrete": row["idle_discrete"]}
-        yield (row["policy"], row["train_seed"]), Baseline(reference, checked(idle, Idle, "idle robot"))
+        idle = {name.removeprefix("idle_"): value for name, value in row.items() if name.startswith("idle_")}
+        baseline = Baseline(reference, checked(idle, Idle, "idle robot"), row["other_engine"])
+        yield (row["policy"], row["train_seed"]), baseline

@@ -57,11 +57,21 @@ class Idle:
     """Under uniform random actions."""
     discrete: bool = False
     """Whether actions are discrete."""
+    zero_steps: Number | None = None
+    """Mean steps that an episode of the first one lasts, of `STEPS` at most; None: not measured."""
+    random_steps: Number | None = None
+    """Likewise of the second one."""
 
     @property
     def rate(self) -> float:
         """Reward per step of the better one."""
         return max(self.zero, self.random)
+
+    @property
+    def steps(self) -> float:
+        """Mean steps that an episode of the better one lasts; nan where it was not measured."""
+        found = self.random_steps if self.zero < self.random else self.zero_steps
+        return math.nan if found is None else found
 
     @property
     def kind(self) -> Literal["zero action", "best constant action", "random actions"]:
@@ -85,7 +95,10 @@ def measure_idle(world: World | Sequence[World], steps: int = STEPS) -> Idle:
     if not total[:, 1].all():
         raise PerdureError(f"{spec.name}: no reward of an idle robot could be measured")
     *constant, random = (total[:, 0] / total[:, 1]).tolist()
-    return Idle(max(constant), random, spec.discrete_actions)
+    episodes = sum(each.num_lanes for each in worlds)
+    *constant_steps, random_steps = (total[:, 1] / episodes).tolist()
+    best = int(np.argmax(constant))
+    return Idle(constant[best], random, spec.discrete_actions, constant_steps[best], random_steps)
 
 
 Choose = Callable[[int], NDArray[np.float64]]

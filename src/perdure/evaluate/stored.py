@@ -21,7 +21,7 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
-from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales
+from perdure.evaluate.judge import Baseline, PolicyKey, judge_table, make_scales, other_engine
 from perdure.evaluate.options import Extrapolation
 from perdure.evaluate.reference import idle_unit, load_reference, read_idle, save_reference, task_env, with_reference
 from perdure.evaluate.table import (
@@ -179,7 +179,7 @@ def evaluate(
         groups.run(evaluation.max_episodes, execution, keep_going=of_files)
         # The table: raw columns of all episodes, then the verdicts.
         raw = with_not_applied(groups.table(), conditions)
-        baselines = groups.baselines()
+        baselines = groups.baselines(spec.engine)
         frame = judge_table(raw, make_scales(baselines, subjects[0].policy.task.name))
         files = {file_note(each.label, train_seed(each.policy)): each.digest for each in subjects if each.digest}
         result = ExtrapolationResult(frame, None, files, baselines, evaluation.success or "")
@@ -270,8 +270,8 @@ class _Groups:
         self._store.warn_of_other_source(dict.fromkeys(finished[key] for key in keys if key in finished))
         run_missing(units, self._store.root, execution.on, execution.cores, execution.observe, keep_going=keep_going)
 
-    def baselines(self) -> dict[PolicyKey, Baseline]:
-        """Return what the rewards of each policy are compared with."""
+    def baselines(self, engine: str) -> dict[PolicyKey, Baseline]:
+        """Return what the rewards of each policy are compared with; `engine`: what it is judged in."""
         idle = read_idle(self._store.get(self._idle_unit().key))
         found = dict[PolicyKey, Baseline]()
         for subject in self._subjects:
@@ -280,7 +280,8 @@ class _Groups:
                 folder = self._store.get(self._reference_unit(subject).key)
                 reference = load_reference(subject.policy, folder).reference
             assert reference is not None
-            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle)
+            trained = str(subject.policy.provenance.get("engine", ""))
+            found[subject.label, train_seed(subject.policy)] = Baseline(reference, idle, other_engine(trained, engine))
         return found
 
     def table(self) -> pl.DataFrame:

@@ -84,6 +84,14 @@ class ExtrapolationResult:
 
         return not not_holding(estimate_table(self.frame))
 
+    @property
+    def clean(self) -> bool:
+        """Whether all policies hold, or reach their goal, without a caveat (`perdure.report.caveats`)."""
+        from perdure.report.estimates import estimate_table
+        from perdure.report.page import not_clean
+
+        return not not_clean(estimate_table(self.frame))
+
     def final(self) -> pl.DataFrame:
         """Return one row for each episode: its values at the last recorded step."""
         import polars as pl

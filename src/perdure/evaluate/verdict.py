@@ -25,14 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.evaluate.reference import Idle
+from perdure.evaluate.settling import settle
 from perdure.policy.reference import BIN_STEPS, Reference
 from perdure.report.outcomes import WORKED, CannotTell, NeverWorked, judging_order
-from perdure.report.scores import IDLE_BELOW, EpisodeScores
+from perdure.report.scores import IDLE_BELOW, EpisodeScores, holds_from
 
 FALSE_ALARMS = 0.05
 """Share of reference windows that may score below IDLE_BELOW; windows grow until it is not exceeded."""
-SETTLING = 0.1
-"""Share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
 LEAST_SCORE = 0.05
 """A policy whose score against a published policy, if one is known, is lower has never worked."""
 LEAST_GAIN = 0.25
@@ -87,6 +86,20 @@ class ScoreScale:
     """Steps at the start of an episode that the reference leaves out; 0 where it leaves out none."""
     training_falls: float = math.nan
     """Share of the reference episodes that the task ended within the training horizon; nan: unknown."""
+    way_rate: float = math.nan
+    """Reward per step on the way to where the reference settles; nan if that takes at most a tenth of the horizon."""
+    training_low_share: float = math.nan
+    """Share of the reference windows that score too low for an episode that holds."""
+
+    idle_steps: float = math.nan
+    """Mean steps that an idle robot lasts; nan: unknown."""
+    other_engine: str = ""
+    """In what the policy was trained and in what it is judged, if these differ."""
+
+    @property
+    def way_score(self) -> float:
+        """Score on the way to where the reference settles; nan where `way_rate` is."""
+        return float(self.score(np.array(self.way_rate)))
 
     def score(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the score of rates against the policy's own training; nan for a policy that never worked."""
@@ -115,22 +128,23 @@ def make_score_scale(reference: Reference, idle: Idle, published: float, contrac
 
 def _rate_scale(reference: Reference, idle: Idle, published: float, most: float) -> ScoreScale:
     """Judge a policy by the reward that it gains over an idle robot."""
-    earned, lived, settling = _settled(reference)
-    rate = float(earned.sum() / lived.sum())
-    gain = rate - idle.rate
-    error = _ratio_error(earned, lived, rate)
+    settling = settle(reference, lambda steps: _settled_rate(reference, steps).error)
+    rate = _settled_rate(reference, settling.steps)
+    gain = rate.mean - idle.rate
     least = LEAST_GAIN * min(abs(idle.zero - idle.random), most - idle.rate)
     if published > idle.rate:
         least = max(least, LEAST_SCORE * (published - idle.rate))
     note = (
-        f"within its training horizon it earns {rate:.3g} a step (± {error:.2g}, {len(lived)} episodes), "
+        f"within its training horizon it earns {rate.mean:.3g} a step (± {rate.error:.2g}, {rate.episodes} episodes), "
         f"an idle robot {idle.rate:.3g} ({idle.kind})"
     )
-    if not gain - error > least:
+    if not gain - rate.error > least:
         state = NeverWorked.name if gain <= least else CannotTell.name
-        return ScoreScale(idle.rate, rate, published, 0, state, f"{note}; a gain above {least:.3g} would count")
-    window = _window(reference, idle.rate, gain)
-    return ScoreScale(idle.rate, rate, published, window, WORKED, note, settling=settling)
+        return ScoreScale(idle.rate, rate.mean, published, 0, state, f"{note}; a gain above {least:.3g} would count")
+    window, scores = _window(reference, idle.rate, rate)
+    scale = ScoreScale(idle.rate, rate.mean, published, window, WORKED, note, way_rate=settling.way_rate)
+    low = float((scores < holds_from(scale.way_score)).mean())
+    return replace(scale, settling=settling.steps, training_low_share=low)
 
 
 def _pays_for_survival(reference: Reference, idle: Idle) -> bool:
@@ -152,14 +166,35 @@ def _survival_scale(reference: Reference, idle: Idle, published: float) -> Score
     return ScoreScale(idle.rate, idle.rate, published, BIN_STEPS if worked else 0, state, note, survival=True)
 
 
-def _settled(reference: Reference) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Return reward and steps of each episode after settling, and the steps left out: none where most end before."""
-    skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
-    lived = np.maximum(reference.lengths - skip * BIN_STEPS, 0)
-    if lived.sum() < 0.5 * reference.lengths.sum():
-        return reference.rewards.sum(axis=1), reference.lengths.astype(np.float64), 0
+@dataclass(frozen=True, eq=False)
+class _Rate:
+    """The rate of reference episodes after settling."""
+
+    mean: float
+    """Reward per step."""
+    error: float
+    """Half the width of Student's 95 % interval, episodes as units (linearized ratio); inf for one episode."""
+    settling: int
+    """Steps left out."""
+    earned: NDArray[np.float64]
+    """By each episode that lasted longer."""
+    lived: NDArray[np.float64]
+    """Steps of these episodes after settling."""
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes."""
+        return len(self.lived)
+
+
+def _settled_rate(reference: Reference, settling: int) -> _Rate:
+    """Return the rate of reference episodes without their first steps."""
+    lived = np.maximum(reference.lengths - settling, 0).astype(np.float64)
     kept = lived > 0
-    return reference.rewards[kept, skip:].sum(axis=1), lived[kept].astype(np.float64), skip * BIN_STEPS
+    earned = reference.rewards[kept, settling // BIN_STEPS :].sum(axis=1)
+    lived = lived[kept]
+    mean = float(earned.sum() / lived.sum())
+    return _Rate(mean, _ratio_error(earned, lived, mean), settling, earned, lived)
 
 
 def _ratio_error(earned: NDArray[np.float64], lived: NDArray[np.float64], rate: float) -> float:
@@ -172,39 +207,38 @@ def _ratio_error(earned: NDArray[np.float64], lived: NDArray[np.float64], rate: 
     return float(stdtrit(len(lived) - 1, 0.975) * residual.std(ddof=1) / math.sqrt(len(lived)))
 
 
-def _window(reference: Reference, idle: float, gain: float) -> int:
-    """Return the shortest window, in steps, whose scores within the reference hardly ever look idle."""
-    skip = math.ceil(SETTLING * reference.horizon / BIN_STEPS)
+def _window(reference: Reference, idle: float, rate: _Rate) -> tuple[int, NDArray[np.float64]]:
+    """Return the shortest window, in steps, whose scores within the reference hardly ever look idle, and these."""
     bins = 1
     while True:
-        scores = _window_scores(reference, skip, bins, idle, gain)
+        scores = (_window_rates(reference, rate.settling // BIN_STEPS, bins) - idle) / (rate.mean - idle)
         if len(scores) < FEWEST_REFERENCE_WINDOWS:
-            break
+            return _window_of_episodes(rate, idle)
         if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
-            return bins * BIN_STEPS
+            return bins * BIN_STEPS, scores
         bins *= 2
-    return _window_of_episodes(reference, idle, gain)
 
 
-def _window_scores(reference: Reference, skip: int, bins: int, idle: float, gain: float) -> NDArray[np.float64]:
-    scores = []
+def _window_rates(reference: Reference, skip: int, bins: int) -> NDArray[np.float64]:
+    """Return the reward per step of the reference's windows of so many bins, without the first bins of an episode."""
+    rates = []
     for rewards, length in zip(reference.rewards, reference.lengths, strict=True):
         lived = rewards[skip : length // BIN_STEPS]
         count = len(lived) // bins
-        scores.append(lived[: count * bins].reshape(count, bins).sum(axis=1) / (bins * BIN_STEPS))
-    return (np.concatenate(scores) - idle) / gain
+        rates.append(lived[: count * bins].reshape(count, bins).sum(axis=1) / (bins * BIN_STEPS))
+    return np.concatenate(rates)
 
 
-def _window_of_episodes(reference: Reference, idle: float, gain: float) -> int:
-    """Return the shortest window for windows longer than an episode, joined from random episodes."""
-    earned, lived, _ = _settled(reference)
+def _window_of_episodes(rate: _Rate, idle: float) -> tuple[int, NDArray[np.float64]]:
+    """Return the same for windows longer than an episode, joined from random episodes."""
     rng = np.random.default_rng(0)
     episodes = 1
     while True:
-        drawn = rng.integers(len(lived), size=(_DRAWS, episodes))
-        scores = (earned[drawn].sum(axis=1) / lived[drawn].sum(axis=1) - idle) / gain
+        drawn = rng.integers(rate.episodes, size=(_DRAWS, episodes))
+        rates = rate.earned[drawn].sum(axis=1) / rate.lived[drawn].sum(axis=1)
+        scores = (rates - idle) / (rate.mean - idle)
         if (scores < IDLE_BELOW).mean() <= FALSE_ALARMS:
-            return math.ceil(episodes * float(lived.mean()) / BIN_STEPS) * BIN_STEPS
+            return math.ceil(episodes * float(rate.lived.mean()) / BIN_STEPS) * BIN_STEPS, scores
         episodes *= 2
 
 
@@ -226,6 +260,8 @@ class EpisodeVerdict:
     """At the end, or before the episode ended; nan where there is no whole window."""
     ever_idle: bool
     """Two consecutive windows were no better than idle, at any time."""
+    low_share: float
+    """Share of the windows after settling that score too low for an episode that holds; nan where there is none."""
 
 
 def judge_episode(
@@ -248,11 +284,15 @@ def judge_episode(
     """
     begins, scores = window_scores(steps, returns, end_step, score_scale)
     worked = score_scale.policy_state == WORKED
-    episode = EpisodeScores(end_step, end_reason, at_goal, worked, begins, scores, score_scale.settling)
+    episode = EpisodeScores(
+        end_step, end_reason, at_goal, worked, begins, scores, score_scale.settling, score_scale.way_score
+    )
     outcome = next(each for each in judging_order() if each.applies(episode))
     if outcome.by_goal:
-        return EpisodeVerdict(outcome.name, end_step, float("nan"), False)
-    return EpisodeVerdict(outcome.name, outcome.failed_step(episode), episode.last, episode.ever_idle)
+        return EpisodeVerdict(outcome.name, end_step, math.nan, False, math.nan)
+    return EpisodeVerdict(
+        outcome.name, outcome.failed_step(episode), episode.last, episode.ever_idle, episode.low_share
+    )
 
 
 def window_scores(

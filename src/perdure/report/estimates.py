@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, takewhile
 
@@ -18,6 +18,7 @@ import polars as pl
 
 from perdure.disturbances import CALM, neutral_level, split_text
 from perdure.report import wording
+from perdure.report.caveats import Held, find_caveats, listed
 from perdure.report.groups import (
     ALL,
     MOSTLY_FALLS,
@@ -102,6 +103,10 @@ class Estimate:
     """Share of episodes without a failure so far (Kaplan-Meier), shape (points,); no bounds once an episode is cut."""
     final_score: Interval
     """Score against its own training at the end, ended episodes count 0; shape ()."""
+    work_vs_calm: Interval
+    """Mean work against the policy's own calm rate, see `perdure.report.work`; shape ()."""
+    work_vs_published: Interval
+    """Mean work against a published policy of the task; shape ()."""
     verdict: Verdict
 
     @property
@@ -120,14 +125,28 @@ def estimate_table(table: pl.DataFrame | Sequence[Episodes], mine: pl.Expr = ALL
     found = Estimates()
     for group in make_groups(table, mine):
         found.setdefault(group.task, []).append(estimate_group(group, rng))
+    return {task: _with_caveats(estimates) for task, estimates in found.items()}
+
+
+def _with_caveats(estimates: Sequence[Estimate]) -> list[Estimate]:
+    """Return the estimates of a task, with the caveats of the groups that hold."""
+    disturbed = Counter[str]()
+    for item in estimates:
+        if not item.group.calm:
+            disturbed[item.group.policy_and_clock] += item.group.episodes
+    found = []
+    for item in estimates:
+        caveats = dict[str, str]()
+        if item.verdict.good:
+            count = disturbed[item.group.policy_and_clock]
+            caveats = find_caveats(Held(item.group, item.verdict.share, item.work_vs_calm, count))
+        found.append(replace(item, verdict=replace(item.verdict, caveats=caveats)))
     return found
 
 
 def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
     """Estimate a group: episodes averaged within training runs, intervals over runs (see `perdure.stats`)."""
     kept = thin(group.steps, MOST_POINTS)
-    known = np.isfinite(group.final_score)
-    rows = known if known.any() else np.ones_like(known)
     units = make_units(group.returns[:, kept], group.runs)
     return Estimate(
         group=group,
@@ -135,9 +154,19 @@ def estimate_group(group: Group, rng: np.random.Generator) -> Estimate:
         returns=estimate_interval(units, rng),
         return_units=units.values,
         working=_working(group, kept, rng),
-        final_score=mean_interval(group.final_score[rows], group.runs[rows], rng),
+        final_score=_known_mean(group, group.final_score, rng),
+        # Own draws, so that the other intervals do not depend on whether there is work.
+        work_vs_calm=_known_mean(group, group["work_vs_calm"], np.random.default_rng(SEED)),
+        work_vs_published=_known_mean(group, group["work_vs_published"], np.random.default_rng(SEED)),
         verdict=judge(group, rng),
     )
+
+
+def _known_mean(group: Group, values: FloatArray, rng: np.random.Generator) -> Interval:
+    """Return the mean over the episodes whose value is known; nan where none is."""
+    known = np.isfinite(values)
+    rows = known if known.any() else np.ones_like(known)
+    return mean_interval(values[rows], group.runs[rows], rng)
 
 
 def _working(group: Group, kept: IntArray, rng: np.random.Generator) -> Interval:
@@ -181,11 +210,23 @@ class Verdict:
     """The label of each training run by itself; empty where there is only one."""
     evidence: str
     """In words; "" where there is none."""
+    caveats: Mapping[str, str] = field(default_factory=dict)
+    """Why a policy that holds is not clean: reasons by name, see `perdure.report.caveats`."""
 
     @property
     def good(self) -> bool:
         """Whether the policy holds or reaches its goal."""
         return bool(outcome(self.label).good)
+
+    @property
+    def clean(self) -> bool:
+        """Whether it holds or reaches its goal, without a caveat."""
+        return self.good and not self.caveats
+
+    @property
+    def word(self) -> str:
+        """The label, and whether there are caveats: "holds, but"."""
+        return f"{self.label}, but" if self.caveats else self.label
 
     @property
     def ended(self) -> bool:
@@ -250,7 +291,8 @@ class Verdict:
         """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
         counted = self._counted + self._interval if self.label == Holds.name else ""
         evidence = f"; {self.evidence}." if self.evidence else "."
-        return f"{self.short}{counted}{evidence}{self._training_seeds}"
+        caveats = f" But: {'; '.join(self.caveats.values())}." if self.caveats else ""
+        return f"{self.short}{counted}{evidence}{caveats}{self._training_seeds}"
 
     @property
     def _interval(self) -> str:
@@ -340,12 +382,15 @@ def _clause(verdicts: Sequence[Verdict], between: str) -> str:
     """Return the verdicts on one policy and clock, when calm and when disturbed."""
     first, *others = sorted(verdicts, key=lambda verdict: not verdict.group.calm)
     who = first.group.policy_and_clock
+    but = ""
+    if all(verdict.good for verdict in verdicts):
+        but = listed([name for verdict in (first, *others) for name in verdict.caveats])
     if first.group.calm and (not others or first.kind in (NeverWorked.name, FALLS_IN_TRAINING)):
-        return f"{who}: {first.claim}"
+        return f"{who}: {first.claim}{but}"
     if first.group.calm and all(verdict.label == Holds.name for verdict in verdicts):
         under = " and ".join(f"for {each.group.test_horizon:,} under {each.group.condition}" for each in others)
-        return f"{who}: {first.claim} when calm and {under}"
-    return f"{who}: {between.join(map(_condition, (first, *others)))}"
+        return f"{who}: {first.claim} when calm and {under}{but}"
+    return f"{who}: {between.join(map(_condition, (first, *others)))}{but}"
 
 
 def _condition(verdict: Verdict) -> str:
@@ -408,7 +453,6 @@ def _evidence(group: Group, label: str) -> Iterator[str]:
 def _holding(group: Group, episodes: pl.DataFrame) -> Iterator[str]:
     """Yield how well episodes hold."""
     if (group["training_rate"] == group["idle_rate"]).all():
-        yield "an idle robot earns as much"
         return
     yield f"score against its own training at the end: {episodes['end_score_vs_training'].to_numpy().mean():.2f}"
     paused = int(episodes["ever_idle"].sum())

@@ -37,13 +37,10 @@ from perdure.report.schema import GOALS, MEASURES, Episodes, IntArray, table_epi
 from perdure.report.scores import FEWEST_JUDGED, HOLDS_FROM
 from perdure.stats import BoolArray, FailureRate, FloatArray, kaplan_meier, measure_failure_rate, median_time
 
-STRAIGHT = 10.0
-"""A robot that turns away from its commanded heading by more does not walk straight [degrees a minute]."""
 WALKS = (
     *("turns {} degrees a minute from its commanded heading", "drifts {} m a minute from its commanded path"),
     *("misses its commanded velocity by {} m/s", "its motors work {} J/m"),
 )
-CROOKED = ": it does not walk straight (see heading_control_stiffness)"
 SUCCESSES = [
     pl.when(pl.col(name).is_nan().all().over("task")).then(name).otherwise(pl.col(name).fill_nan(none)).alias(name)
     for name, none in GOALS.items()
@@ -417,5 +414,4 @@ def walk_evidence(group: Group) -> Iterator[str]:
     """Yield what is to be said of the walk beside the verdict."""
     words = dict(zip(MEASURES, WALKS, strict=True))
     for name, value in medians(group).items():
-        crooked = name == "heading_error" and value > STRAIGHT
-        yield words[name].format(wording.quantity(value)) + CROOKED * crooked
+        yield words[name].format(wording.quantity(value))

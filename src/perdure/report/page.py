@@ -18,15 +18,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from perdure.disturbances import CALM, applied_disturbances, labels
 from perdure.report import wording
+from perdure.report.caveats import CALM_WORK, listed
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import (
+    HOLDING_SHARE,
     SEED,
     Estimate,
     Estimates,
@@ -39,8 +41,9 @@ from perdure.report.estimates import (
 )
 from perdure.report.figures import make_figures
 from perdure.report.groups import NO_CLOCK, Group, medians, success_cells
-from perdure.report.outcomes import CannotTell, Outcome, outcome, outcomes
+from perdure.report.outcomes import COLORS, CannotTell, Color, Outcome, outcome, outcomes
 from perdure.report.schema import FILE_NOTE, IMPORTED, TABLE, read_episodes
+from perdure.report.scores import HOLDS_FROM, IDLE_BELOW, holds_from
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
@@ -49,6 +52,18 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 # Parts of a page
+
+
+class Chip(NamedTuple):
+    """A word in its color."""
+
+    name: str
+    page_color: Color
+
+
+def _chip(verdict: Verdict) -> Outcome | Chip:
+    """Return a verdict as a page shows it: with caveats in the color of what is undecided."""
+    return Chip(verdict.word, COLORS[None]) if verdict.caveats else outcome(verdict.label)
 
 
 @cache
@@ -71,7 +86,7 @@ def header(
     task: str,
     sentence: str,
     points: Sequence[str] = (),
-    verdicts: Sequence[tuple[Outcome, str]] = (),
+    verdicts: Sequence[tuple[Outcome | Chip, str]] = (),
     following: Sequence[tuple[str, str]] = (),
 ) -> str:
     """Return a task's name over the sentence that sums it up, and points below it, all plain text.
@@ -178,7 +193,7 @@ def write_report(
         top, others = (unique(drawn, taken) for drawn in make_figures(estimates))
         save([*top, *others], folder, formats)
         sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
-        verdicts = [(outcome(item.verdict.label), item.verdict.sentence) for item in estimates[:MOST_VERDICTS]]
+        verdicts = [(_chip(item.verdict), item.verdict.sentence) for item in estimates[:MOST_VERDICTS]]
         after = _advice(estimates, folder, command, notes)
         parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
@@ -337,7 +352,7 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
     "steps": lambda item: wording.whole(item.group.test_horizon),
     "return": lambda item: wording.quantity(item.final_return),
     "95 % interval": lambda item: _bounds(item.returns),
-    "verdict": lambda item: item.verdict.label,
+    "verdict": lambda item: item.verdict.word,
     END_SCORE: lambda item: wording.quantity(float(item.final_score.estimate)),
     "running": lambda item: _mean(item.group.alive[:, -1]),
     **{column.heading: _column_cell(name) for name, column in TABLE.items() if column.heading},
@@ -407,10 +422,28 @@ def not_holding(estimates: Estimates) -> list[str]:
     return [each.sentence.rstrip(".") if each.label == CannotTell.name else each.short for each in found]
 
 
+def not_clean(estimates: Estimates) -> list[str]:
+    """Return who does not hold, as `not_holding`, and who holds with caveats: "ppo: holds ..., but is interrupted"."""
+    verdicts = [item.verdict for items in estimates.values() for item in items]
+    held = [f"{each.short}{listed(list(each.caveats))}" for each in verdicts if each.good and each.caveats]
+    return [*not_holding(estimates), *held]
+
+
+REQUIREMENTS = {"holds": not_holding, "clean": not_clean}
+"""What `--require` names, to the function that returns who misses it."""
+
+
 def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
     """Return the summary of a table and its report as JSON; docs/reference/table.md describes its names."""
     document = {
         "holds": not not_holding(estimates),
+        "clean": not not_clean(estimates),
+        "bounds": {
+            "share_that_holds": HOLDING_SHARE,
+            "score_that_holds": HOLDS_FROM,
+            "idle_below": IDLE_BELOW,
+            "calm_work": CALM_WORK,
+        },
         "groups": [_group(item) for items in estimates.values() for item in items],
         "table": str(table.resolve()),
         "page": str(page.resolve()),
@@ -421,7 +454,6 @@ def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
 
 def _group(item: Estimate) -> dict[str, Any]:
     group = item.group
-    share = item.verdict.share
     rate = group.failure_rate
     hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
     return {
@@ -433,13 +465,48 @@ def _group(item: Estimate) -> dict[str, Any]:
         "episodes": group.episodes,
         "steps": group.test_horizon,
         "verdict": item.verdict.label,
+        "clean": item.verdict.clean,
+        "reasons": dict(item.verdict.caveats),
         "outcomes": dict(Counter(group.verdicts)),
-        "share_that_holds": _numbers(estimate=share.estimate, low=share.lower, high=share.upper),
-        "mean_return": _numbers(estimate=item.returns.estimate, low=item.returns.lower, high=item.returns.upper),
+        "share_that_holds": _bounds_of(item.verdict.share),
+        "mean_return": _bounds_of(item.returns),
+        "end_score_vs_training": _bounds_of(item.final_score),
+        "work_vs_calm": _bounds_of(item.work_vs_calm),
+        "work_vs_published": _bounds_of(item.work_vs_published),
         **_numbers(median_failure_step=group.half_failed_by),
         "failures_per_hour": hourly,
         "measures": medians(group),
+        "training_runs": list(_training_runs(group)),
     }
+
+
+_OF_RUN = (
+    *("policy", "train_seed", "policy_state", "policy_note", "training_falls", "idle_rate", "idle_steps"),
+    *("training_rate", "way_rate", "published_rate", "calm_rate", "window", "settling", "training_low_share"),
+)
+"""Columns of the table that are equal in all episodes of a training run in a group."""
+
+
+def _training_runs(group: Group) -> Iterator[dict[str, Any]]:
+    """Yield what the episodes of each training run are compared with, and their mean share of low windows."""
+    for _, part in group.facts.group_by("policy", "train_seed", maintain_order=True):
+        found = part.select(_OF_RUN).row(0, named=True)
+        way_score = math.nan
+        if not math.isnan(found["way_rate"]):
+            gain = found["training_rate"] - found["idle_rate"]
+            way_score = (found["way_rate"] - found["idle_rate"]) / gain
+        found["score_that_holds"] = holds_from(way_score)
+        found["low_share"] = float(part["low_share"].to_numpy().mean())
+        yield {name: _known(value) for name, value in found.items()}
+
+
+def _known(value: Any) -> Any:
+    """Return a value of the table for JSON; None for a number that is unknown."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _bounds_of(interval: Interval) -> dict[str, float | None]:
+    return _numbers(estimate=interval.estimate, low=interval.lower, high=interval.upper)
 
 
 def _numbers(**values: Any) -> dict[str, float | None]:

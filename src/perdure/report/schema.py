@@ -1,4 +1,4 @@
-"""The table `perdure.extrapolation`, version 4: one row per episode and recorded step, as Parquet.
+"""The table `perdure.extrapolation`, version 5: one row per episode and recorded step, as Parquet.
 
 An episode is one deployed run: a policy under a clock from a start state.
 
@@ -32,7 +32,9 @@ from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
 
 SCHEMA_NAME = "perdure.extrapolation"
-SCHEMA_VERSION = "4"
+SCHEMA_VERSION = "5"
+READABLE = ("4", "5")
+"""Versions that are read. Version 4 has no columns that are `added`."""
 RAW_VERSION = "4"
 """Of the columns that a simulator gives (`RAW`), part of the identity of stored groups of episodes. Raise it only if
 one of them is added or gets another meaning. The other columns follow from them without simulation."""
@@ -55,6 +57,8 @@ class Column:
     """Whether it follows from the other columns and the policy's reference; else the evaluation gives it."""
     heading: str = ""
     """The page shows the mean over the episodes of a policy and clock under this heading; "": it does not."""
+    added: bool = False
+    """Whether tables of version 4 lack it; it is nan or empty there, and `perdure report` computes it."""
 
     @property
     def type(self) -> type[pl.DataType]:
@@ -80,6 +84,7 @@ NAME = Text(shortest=1)
 """Of a policy, a task, a method or a clock."""
 _STEPS = Whole(1, MOST_STEPS)
 _RATE = Real(unknown=True)
+_SHARE = Real(0.0, 1.0, unknown=True)
 _MOVEMENT = Real(0.0, unknown=True)
 _HORIZON = Real(1.0, infinite=True, unknown=True)
 _CLOCK_STEPS = Real(0.0, infinite=True, unknown=True)
@@ -159,6 +164,46 @@ TABLE: dict[str, Column] = {
         judged=True,
         heading="ever idle",
     ),
+    "way_rate": Column(
+        _RATE,
+        "reward per step of the policy on its way to where its reference settles; nan: it does so within a tenth of "
+        "the horizon",
+        judged=True,
+        added=True,
+    ),
+    "training_low_share": Column(
+        _SHARE, "share of the reference windows that score too low to hold", judged=True, added=True
+    ),
+    "low_share": Column(
+        _SHARE, "share of the episode's windows after settling that do; nan: it has none", judged=True, added=True
+    ),
+    "idle_steps": Column(
+        Real(0.0, unknown=True),
+        "mean steps that the idle robot lasts, of at most 1,000; nan: unknown",
+        judged=True,
+        added=True,
+    ),
+    "other_engine": Column(
+        Text(500), "in what it was trained and is judged, if MuJoCo differs; may be empty", judged=True, added=True
+    ),
+    "calm_rate": Column(
+        _RATE,
+        "reward per step of the policy under this clock when calm, after settling: of its calm episodes that hold; "
+        "without one, training_rate",
+        judged=True,
+        added=True,
+    ),
+    "work_vs_calm": Column(
+        _RATE,
+        "work: (return - idle_rate x end_step) / ((calm_rate - idle_rate) x test_horizon), 0: an idle robot, 1: as "
+        "when calm, to the end; nan: it never worked",
+        judged=True,
+        added=True,
+        heading="work vs calm",
+    ),
+    "work_vs_published": Column(
+        _RATE, "likewise with published_rate; nan: none is known", judged=True, added=True, heading="work vs published"
+    ),
 }
 _MEASURE = Real(0.0, unknown=True)
 MEASURES: dict[str, Column] = {
@@ -175,6 +220,7 @@ OF_EPISODE = tuple(name for name, column in TABLE.items() if column.of == "episo
 CURVES = tuple(name for name, column in TABLE.items() if column.of == "step")
 JUDGED = tuple(name for name, column in TABLE.items() if column.judged)
 RAW = tuple(name for name in TABLE if name not in JUDGED)
+ADDED = tuple(name for name, column in TABLE.items() if column.added)
 
 
 def row_kind() -> Table:
@@ -244,7 +290,9 @@ def read_table(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, st
         PerdureError: The file is missing, foreign, of another version, or damaged. One sentence says which.
     """
     parquet, notes = _open(Path(path))
-    frame = parquet.read(_known(parquet.columns))
+    frame = parquet.read([name for name in _known(parquet.columns) if name in parquet.columns])
+    frame = frame.with_columns(pl.lit(_unknown(name)).alias(name) for name in ADDED if name not in frame.columns)
+    frame = frame.select(_known(frame.columns))
     table_episodes(frame, str(path))
     return frame, notes
 
@@ -259,7 +307,18 @@ def read_episodes(path: str | os.PathLike[str]) -> tuple[tuple[Episodes, ...], d
         PerdureError: As `read_table`.
     """
     parquet, notes = _open(Path(path))
-    return _episodes(lambda name: parquet.read([name]).get_column(name), parquet.columns, str(path)), notes
+
+    def column(name: str) -> pl.Series:
+        if name not in parquet.columns:
+            return pl.repeat(_unknown(name), parquet.read(["step"]).height, eager=True).alias(name)
+        return parquet.read([name]).get_column(name)
+
+    return _episodes(column, parquet.columns, str(path)), notes
+
+
+def _unknown(column: str) -> float | str:
+    """Return what a column that is `added` holds in a table that lacks it."""
+    return "" if isinstance(TABLE[column].kind, Text) else math.nan
 
 
 def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
@@ -280,12 +339,13 @@ def _open(path: Path) -> tuple[Parquet, dict[str, str]]:
         raise PerdureError(f"{path} is a damaged Parquet file: {error}.") from None
     if notes.get("schema") != SCHEMA_NAME:
         raise PerdureError(f"{path} is a Parquet file, but not a table of the schema {SCHEMA_NAME}.")
-    if notes.get("version") != SCHEMA_VERSION:
+    if notes.get("version") not in READABLE:
         found = notes.get("version")
-        raise PerdureError(f"{path} has version {found} of {SCHEMA_NAME}; this release reads version {SCHEMA_VERSION}.")
+        known = " and ".join(READABLE)
+        raise PerdureError(f"{path} has version {found} of {SCHEMA_NAME}; this release reads versions {known}.")
     if _SEAL not in content:
         raise PerdureError(f"{path} is damaged: it has no SHA-256.")
-    _check_columns(parquet.columns, str(path))
+    _check_columns(parquet.columns, str(path), ADDED if notes["version"] != SCHEMA_VERSION else ())
     return parquet, {name: text for name, text in notes.items() if name not in _RESERVED}
 
 
@@ -301,9 +361,17 @@ def _known(found: Collection[str]) -> list[str]:
     return [*COLUMNS, *(name for name in MEASURES if name in found)]
 
 
-def _check_columns(found: Mapping[str, object], name: str) -> None:
-    known = _known(found)
-    missing, unknown = ([each for each in a if each not in b] for a, b in ((COLUMNS, found), (found, known)))
+def _check_columns(found: Mapping[str, object], name: str, may_lack: Collection[str] = ()) -> None:
+    """Refuse columns that do not fit the schema.
+
+    Args:
+        found: Name and type of each.
+        name: Of the table, for the message.
+        may_lack: Columns that need not be there.
+    """
+    known = [each for each in _known(found) if each in found or each not in may_lack]
+    missing = [each for each in COLUMNS if each not in found and each not in may_lack]
+    unknown = [each for each in found if each not in known]
     if missing or unknown:
         raise PerdureError(f"{name} does not fit {SCHEMA_NAME}: missing columns {missing}, unknown columns {unknown}.")
     for column in known:

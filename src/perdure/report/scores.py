@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 IDLE_BELOW = 0.25
 """A window with a lower score against the policy's own training counts as idle."""
 HOLDS_FROM = 0.75
-"""Least mean score of the last windows of an episode that holds; between IDLE_BELOW and this it decays."""
+"""Least mean score of the last windows of an episode that holds; between IDLE_BELOW and this it decays. See also
+`holds_from`."""
 FEWEST_JUDGED = 4
 """An episode must hold as many windows after settling, or none of it can be judged."""
 MOSTLY = 0.9
@@ -28,7 +29,7 @@ MEMORY = 5
 SURE = 2
 """A robot that paused before fails silently once it is idle for SURE times its longest earlier pause."""
 ONE_SIDED = 1.645
-"""Standard errors by which a mean must lie below HOLDS_FROM to exclude chance (normal, one-sided 95 %)."""
+"""Standard errors by which a mean must lie below the bound to exclude chance (normal, one-sided 95 %)."""
 END_SURVIVED = "survived"
 """End reason of an episode that nothing ended."""
 
@@ -51,6 +52,13 @@ class EpisodeScores:
     """Score of each window against the policy's own training, shape (windows,)."""
     settling: int = 0
     """Steps at the start that the reference leaves out."""
+    way_score: float = float("nan")
+    """Score on the way to where the reference settles; nan: it settles at once."""
+
+    @property
+    def holds_from(self) -> float:
+        """Least final score of an episode that holds."""
+        return holds_from(self.way_score)
 
     @cached_property
     def idle(self) -> NDArray[np.bool_]:
@@ -67,6 +75,12 @@ class EpisodeScores:
         """Whether two consecutive windows after settling were idle."""
         idle = self.idle[self.settled]
         return bool((idle[1:] & idle[:-1]).any())
+
+    @property
+    def low_share(self) -> float:
+        """Share of the windows after settling that score too low for an episode that holds; nan without a window."""
+        scores = self.scores[self.settled]
+        return float((scores < self.holds_from).mean()) if len(scores) else float("nan")
 
     @property
     def survived(self) -> bool:
@@ -118,14 +132,28 @@ class EpisodeScores:
 
     @cached_property
     def decayed(self) -> bool | None:
-        """Whether the last windows are significantly below HOLDS_FROM; None if there are too few to tell."""
+        """Whether the last windows are significantly below `holds_from`; None if there are too few to tell."""
         settled = self.scores[self.settled]
-        return _decayed(settled, min(len(self.final), len(settled)))
+        return _decayed(settled, min(len(self.final), len(settled)), self.holds_from)
 
     @property
     def decay_step(self) -> int:
         """Steps before a decay."""
-        return int(self.begins[since(self.scores, HOLDS_FROM)])
+        return int(self.begins[since(self.scores, self.holds_from)])
+
+
+def holds_from(way_score: float) -> float:
+    """Return the least final score of an episode that holds.
+
+    Where the way earns nearly as much as the goal, against an idle robot, an episode must be clearly better than on its
+    way: an idle drone falls, and one that climbs for ever earns nearly as much as one that hovers.
+
+    Args:
+        way_score: Score on the way to where the reference settles; nan: it settles at once.
+    """
+    if np.isnan(way_score):
+        return HOLDS_FROM
+    return max(HOLDS_FROM, way_score + IDLE_BELOW * (1.0 - way_score))
 
 
 def since(scores: NDArray[np.float64], bound: float) -> int:
@@ -139,20 +167,21 @@ def since(scores: NDArray[np.float64], bound: float) -> int:
     return int(found[0]) if len(found) else len(scores) - 1
 
 
-def _decayed(scores: NDArray[np.float64], count: int) -> bool | None:
-    """Return whether the last windows are significantly below HOLDS_FROM; None if there are too few windows.
+def _decayed(scores: NDArray[np.float64], count: int, least: float) -> bool | None:
+    """Return whether the last windows are significantly below a bound; None if there are too few windows.
 
     Args:
         scores: Of an episode.
         count: Windows to begin with; doubled until the verdict is clear.
+        least: The bound.
     """
     while True:
         part = scores[-count:]
         mean = float(part.mean())
         error = float(part.std(ddof=1)) / len(part) ** 0.5
-        if mean >= HOLDS_FROM:
+        if mean >= least:
             return False
-        if mean + ONE_SIDED * error < HOLDS_FROM:
+        if mean + ONE_SIDED * error < least:
             return True
         if count >= len(scores):
             return None
