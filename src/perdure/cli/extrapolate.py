@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from perdure.cli.parse import Cores, Normalizer, On, TimeFeature, Trust, call, whole_command
-from perdure.cli.subjects import is_function, load_function, policy_files
+from perdure.cli.subjects import is_function, load_function, named_files, policy_files
 from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, ExtrapolationResult
 from perdure.evaluate.options import OWN_CLOCK
@@ -203,7 +203,9 @@ def write_and_show(
     del episodes  # of a large table
     if not as_json:
         print(summary_text(estimates))
-    page = write_report(estimates, out, notes.get("command", ""), formats, notes, table.parent / STILLS).resolve()
+    command = notes.get("command", "")
+    files = named_files(command)
+    page = write_report(estimates, out, command, formats, notes, table.parent / STILLS, files).resolve()
     print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
     missed = [] if require is None else REQUIREMENTS[require](estimates)
     if missed:
