@@ -51,8 +51,7 @@ setup: ## Create .venv and install perdure into it (quick when nothing changed)
 
 demo: setup ## Run two shipped Hoppers, calm and disturbed, and two home demonstrations, and write the reports
 	@set -ex; \
-	$(BIN)/perdure extrapolate Hopper-v3/geometric Hopper-v3/ppo --clocks constant:500 --steps $(DEMO_STEPS) \
-		--eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/Hopper-v3"; \
+	$(BIN)/perdure demo --steps $(DEMO_STEPS) --eval-seeds $(DEMO_SEEDS) --out "$(DEMO_OUT)/Hopper-v3"; \
 	{ set +x; } 2>/dev/null; \
 	rm -rf "$(DEMO_OUT)/set_table/runs"; \
 	for place in $(DEMO_PLACES); do \
@@ -68,8 +67,10 @@ demo: setup ## Run two shipped Hoppers, calm and disturbed, and two home demonst
 	echo; echo "The reports, to be opened in a browser:"; \
 	for task in Hopper-v3 set_table; do echo "  $(abspath $(DEMO_OUT))/$$task/report.html"; done
 
-picture: ## Put the figure of the disturbed Hoppers into README.md
+picture: ## Put the film and the figure of the disturbed Hoppers into README.md
 	@cp "$(DEMO_OUT)"/Hopper-v3/hopper-v3-working-under-standard-1.png docs/images/demo-disturbed.png
+	@rm -f docs/images/hoppers.webp
+	@$(BIN)/perdure watch Hopper-v3/geometric Hopper-v3/ppo --out docs/images/hoppers.webp
 
 # A process runs whole files, in the order of tests/conftest.py; test_types.py and test_tree_rules.py check types and rules.
 test: lint ## Check format and lint, then types, rules and every test but the long ones

@@ -38,6 +38,7 @@ GRAY = (110, 110, 110)
 PALE = (170, 170, 170)
 GREEN = (0, 110, 60)
 RED = (178, 34, 34)
+AMBER = (255, 170, 0)
 MARGIN = 8
 """Pixels between a text and the edge of the picture, and between two columns."""
 SMALLEST_FONT = 7
@@ -111,6 +112,7 @@ class Renderer:
     Args:
         model: A copy of the simulation's `MjModel`; its visual settings are changed.
         size: Width and height of a picture in pixels.
+        supersampling: See `SUPERSAMPLING`; that by default.
 
     Raises:
         PerdureError: If no picture can be drawn on this machine.
@@ -119,13 +121,14 @@ class Renderer:
     shadows: ClassVar[int] = 1024
     """Size of the shadow map in texels."""
 
-    def __init__(self, model: Any, size: tuple[int, int]) -> None:
+    def __init__(self, model: Any, size: tuple[int, int], supersampling: int | None = None) -> None:
         import mujoco
 
         self._mujoco = mujoco
         self.model = model
         self.size = size
-        self._drawn = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
+        self._supersampling = supersampling or SUPERSAMPLING
+        self._drawn = (self._supersampling * size[0], self._supersampling * size[1])
         width, height = self._drawn
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
@@ -160,7 +163,7 @@ class Renderer:
         view = m.MjrRect(0, 0, width, height)
         m.mjr_render(view, self.scene, self._drawing)
         m.mjr_readPixels(picture, None, view, self._drawing)
-        return np.asarray(Image.fromarray(picture[::-1]).reduce(SUPERSAMPLING))
+        return np.asarray(Image.fromarray(picture[::-1]).reduce(self._supersampling))
 
 
 def annotate(

@@ -228,6 +228,6 @@ def test_an_outcome_of_another_package_is_judged_sorted_and_shown_with_its_color
     assert "limps 24, decays 12" in said
     assert said.splitlines()[-1] == "[1.0, 1.0]"
     page = (tmp_path / "report.html").read_text()
-    assert "<b style='--light: #123456; --dark: #abcdef'>limps</b>" in page
+    assert "<b class='word' style='--light: #123456; --dark: #abcdef'>limps</b>" in page
     assert "<em>Limps</em>: it is a little slower than in training." in page
     assert said.splitlines()[-2] == "Look at its legs."

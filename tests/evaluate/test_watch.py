@@ -15,18 +15,19 @@ import polars as pl
 import pytest
 from PIL import Image
 
+from perdure.disturbances import parse_disturbances
 from perdure.envs import make_world
 from perdure.errors import PerdureError
 from perdure.evaluate import Execution, Extrapolation, evaluate_files
-from perdure.evaluate.reference import with_reference
+from perdure.evaluate.options import Condition
+from perdure.evaluate.reference import idle_baseline, with_reference
+from perdure.evaluate.stills import STILL_SIZE, add_stills
 from perdure.evaluate.watch import (
     BELOW,
-    STILL_SIZE,
     SUBTITLE,
     TITLE,
     Judge,
     RobotCamera,
-    add_stills,
     find_render_env,
     replay,
     watch,
@@ -39,6 +40,7 @@ from perdure.report import write_report
 from perdure.report.page import STILLS
 
 pytest.importorskip("mujoco")
+CALM = ("none",)
 NOTHING_LEFT, ALWAYS = Constant(0.0), Constant(500.0)
 STEPS, SIZE = 400, (96, 64)
 TOP, BOTTOM = (strip_height([(size, []) for size in sizes]) for sizes in ((TITLE, SUBTITLE), (BELOW,)))
@@ -75,7 +77,15 @@ def render_env(policy):
 def film(policy, tmp_path_factory):
     path = tmp_path_factory.mktemp("film") / "film.mp4"
     return watch(
-        policy, path, clock=NOTHING_LEFT, beside=ALWAYS, until_failure=True, steps=STEPS, eval_seeds=2, size=SIZE
+        policy,
+        path,
+        clock=NOTHING_LEFT,
+        beside=ALWAYS,
+        disturb=CALM,
+        until_failure=True,
+        steps=STEPS,
+        eval_seeds=2,
+        size=SIZE,
     )
 
 
@@ -149,7 +159,7 @@ class TestTheReplay:
 
 def test_without_a_failure_there_is_no_film_and_no_file(policy, tmp_path):
     with pytest.raises(PerdureError, match="none of 1 episodes of 400 steps fails under constant"):
-        watch(policy, tmp_path / "film.mp4", clock=ALWAYS, until_failure=True, steps=STEPS, eval_seeds=1)
+        watch(policy, tmp_path / "film.mp4", clock=ALWAYS, disturb=CALM, until_failure=True, steps=STEPS, eval_seeds=1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -248,29 +258,46 @@ class Falls(Light):
 def test_a_film_goes_on_after_a_fall_whatever_the_shape_of_observations(policy, tmp_path):
     gymnasium.register("perdure-test-Falls-v0", Falls)
     falling = replace(policy, task=replace(policy.task, name="gymnasium:perdure-test-Falls-v0"), clock=ALWAYS)
-    film = watch(falling, tmp_path / "fall.gif", until_failure=True, steps=15, eval_seeds=1)
+    film = watch(falling, tmp_path / "fall.gif", disturb=CALM, until_failure=True, steps=15, eval_seeds=1)
     assert film.pictures > 5
 
 
 def test_any_environment_that_renders_an_array_is_filmed(policy, tmp_path):
-    """Two steps a second, a picture for each: 10 steps before the sixth second and 2 after it."""
+    """Two steps a second, a picture for each: six seconds."""
     gymnasium.register("perdure-test-Light-v0", Light, max_episode_steps=30)
     lit = replace(policy, task=replace(policy.task, name="gymnasium:perdure-test-Light-v0"), clock=ALWAYS)
-    film = watch(lit, tmp_path / "film.mp4", steps=15)
+    film = watch(lit, tmp_path / "film.mp4", disturb=CALM, steps=15)
     shown = pictures(film.path)
-    assert len(shown) == film.pictures == 13 - 1
+    assert len(shown) == film.pictures == 12
     brightness = [each[TOP + 10 : TOP + 50, 10:80].mean() for each in shown]
     assert brightness == pytest.approx([10 * step for step in range(1, 13)], abs=4)
     with pytest.raises(PerdureError, match="exists and would be replaced"):
         watch(lit, film.path, steps=15)
 
 
-def test_a_judge_measures_reference_and_idle_in_the_filmed_world(policy, render_env):
-    judge = Judge(policy, render_env.open(), 50)
-    assert judge.policy.reference is not policy.reference
+def test_a_judge_compares_with_the_reference_of_the_file(policy, render_env):
+    judge = Judge(policy, render_env.open(), 50, idle_baseline(render_env.open()))
+    assert judge.policy.reference is policy.reference
     assert judge.scale.policy_state == "worked"
     assert judge.scale.idle_rate == pytest.approx(1.0, abs=0.1), "an alive bonus of 1 a step"
     assert judge.scale.training_rate == pytest.approx(policy.reference.rate, rel=0.2)
+
+
+def test_two_policies_meet_the_same_push(policy, render_env):
+    """From one start state; the first push comes after 200 steps, and a Hopper has no sideways velocity."""
+    condition = Condition("push:0.5", parse_disturbances(["push:0.5"]), 230, 1)
+    idle = idle_baseline(render_env.open())
+    pushes = []
+    for each in (policy, load_policy("Hopper-v3/ppo")):
+        judge = Judge(each, render_env.open(), 230, idle)
+        episode = judge.judge(None, 0, condition)
+        found = {instant.step: instant.push for instant in replay(judge.policy, episode, render_env, 220)}
+        pushes.append({step: push for step, push in found.items() if push is not None})
+    assert [list(each) for each in pushes] == [[201], [201]]
+    ours, theirs = (each[201] for each in pushes)
+    assert ours == pytest.approx(theirs)
+    assert 0.0 < abs(ours[0]) <= 0.5
+    assert ours[1:].tolist() == [0.0, 0.0]
 
 
 @pytest.fixture(scope="module")

@@ -330,7 +330,7 @@ class TestFigures:
         assert [(row["x"], row["y"]) for row in rows(found["working"], "line")] == [
             *((100.0, 1.0), (137.0, 0.75), (4321.0, 0.625), (100_000.0, 0.625), (100_000.0, 0.625))
         ]
-        (bar,) = rows(found["working"], "rule", size=2.6)
+        (bar,) = rows(found["working"], "rule", size=1.6)
         assert (bar["lower"], bar["upper"]) == pytest.approx((0.2449, 0.9148), abs=1e-4)  # Clopper-Pearson, 5 of 8
         assert "(Clopper-Pearson) over n = 8 start states, from one training run" in text["working"]
 
@@ -605,7 +605,7 @@ def test_the_page_names_the_policy_file_to_watch_and_how_it_failed(synthetic, tm
     assert "watch POLICY" not in write_report(table, tmp_path, "x", (), {"command": "of a function"}).read_text()
     why = half_fall(synthetic).with_columns(not_applied=pl.lit("standard-1, because it is discrete"))
     page = write_report(why, tmp_path, "x", ()).read_text()
-    assert "watch POLICY --until-failure --steps 100000 --clock constant:500 --out failure.mp4" in page
+    assert "watch POLICY --until-failure --steps 100000 --clock constant:500 --disturb none --out failure.mp4" in page
     assert "Not applied: standard-1, because it is discrete." in page
     robot = half_fall(synthetic).with_columns(task=pl.lit("my robot.yaml"))
     page = write_report(robot, tmp_path, "perdure extrapolate a.onnx", ()).read_text()

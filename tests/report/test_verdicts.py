@@ -122,9 +122,11 @@ def test_robots_of_contracts_have_no_time_limit(synthetic):
 
 def test_a_policy_that_falls_in_training_has_no_score_against_a_published_one(synthetic):
     """Its reward per step lasts for 218 steps only."""
-    columns = summary_text(synthetic([{"rate": 5.2, "ends": [218] * 8, "training_falls": 1.0}])).splitlines()[-2:]
+    falling = {"rate": 5.2, "ends": [218] * 8, "training_falls": 1.0}
+    assert "training vs published" not in summary_text(synthetic([falling]))
+    columns = summary_text(synthetic([falling, {"clock": "constant(9)", "rate": 5.2}])).splitlines()[-3:]
     at = columns[0].index("training vs published")
-    assert columns[1][at:].split()[0] == "\u2013"
+    assert [row[at:].split()[0] == "\u2013" for row in columns[1:]] == [False, True]
 
 
 @pytest.mark.parametrize(("apart", "alike"), [(0.019, True), (0.021, False)])

@@ -15,13 +15,14 @@ from itertools import pairwise
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/index.md"
 USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, and know beforehand whether it holds.
 
+  perdure demo                                         two Hoppers, one holds and one falls: a minute, then a page
   perdure train Hopper-v3 --method geometric           train with time-to-go (or plain PPO, or a control)
   perdure extrapolate Hopper-v3/geometric              run policies far beyond their training horizon, and report
   perdure compare Hopper-v3/ppo Hopper-v3/geometric    is B better than A? Episodes are added until it is decided
   perdure import model.zip --env Hopper-v5             convert a Stable-Baselines3 model to a policy file
   perdure export Hopper-v3/geometric policy.onnx       export a policy as an ONNX model
   perdure report extrapolation                         write the report of an evaluation again
-  perdure watch Hopper-v3/ppo-falls --until-failure    film a policy as it fails
+  perdure watch Hopper-v3/ppo --out fall.mp4           film a policy as it fails
   perdure card my-policy --table extrapolation         write a policy's model card
   perdure list policies                                list tasks, methods, policies or disturbances
   perdure inspect Hopper-v3/geometric                  show what a policy file contains
@@ -52,10 +53,16 @@ def _names(usage: str, before: str) -> tuple[str, ...]:
 
 COMMANDS = _names(USAGE, "perdure ")
 HOME_COMMANDS = _names(HOME_USAGE, "perdure home ")
-MODULES = {"train": "train", "extrapolate": "extrapolate", "report": "extrapolate", "compare": "compare"}
+MODULES = {
+    "demo": "demo",
+    "train": "train",
+    "extrapolate": "extrapolate",
+    "report": "extrapolate",
+    "compare": "compare",
+}
 """Modules of commands that are not in `perdure.cli.commands`."""
 ALIASES = {"analyse": "analyze"}
-RESUMING = ("train", "extrapolate", "compare", "home train", "home run")
+RESUMING = ("demo", "train", "extrapolate", "compare", "home train", "home run")
 """Commands that keep finished parts of an interrupted run."""
 
 

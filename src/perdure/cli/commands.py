@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -104,23 +104,27 @@ def read_clock(flag: str, text: str | None, policy: PolicyLike, steps: int | Non
 
 @dataclass(frozen=True, kw_only=True)
 class Watch:
-    """Film a policy as it fails. Needs the extra perdure[film].
+    """Film a policy under small disturbances: its failure, else the first 6 s. Needs the extra perdure[film].
+
+    One policy is shown beside itself when calm, several beside each other. An arrow marks each push.
 
     Any environment of Gymnasium that renders rgb_array can be filmed. EnvPool cannot render: the film of its tasks, and
     the search for a failure, use Gymnasium's environment of the same name, on another build of MuJoCo.
     """
 
-    policy: PolicyName
+    policies: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """Policy files or names of shipped policies, of one task."""
     env: str | None = None
     """For model.onnx: its environment, or the contract of its robot."""
     clock: str | None = None
     """Clock of the policy: {clocks}, countdown (to the end), or default (its own clock), which is used if left out."""
     until_failure: bool = False
-    """Film the first failure: 5 s before it and 1 s after it. Otherwise film the first 6 s."""
+    """Search for a start state from which a policy fails. Otherwise the first one is filmed."""
     beside: str | None = None
     """A second clock, such as constant:500, from the same start state: two films side by side."""
-    disturb: tuple[str, ...] = ()
-    """What disturbs the episode, such as push:0.5. Without --beside, a calm episode is shown beside it."""
+    disturb: tuple[str, ...] | None = None
+    """standard-1 (as far as the environment can do it; used if left out), none, or what disturbs the episode:
+    {disturbances}."""
     out: Path = Path("film.mp4")
     """The film: .mp4, .gif or .webp."""
     steps: int = 10_000
@@ -141,20 +145,26 @@ def watch(flags: Watch) -> None:
     from perdure.policy import find_policy
     from perdure.policy.onnx import is_onnx, model_digest
 
-    model = is_onnx(flags.policy)
-    file = Path(flags.policy) if model else find_policy(flags.policy)
-    if model == (flags.env is None):
-        load(file)  # raises what it is, if it is of another library
-        raise PerdureError(
-            f"{flags.policy}: an ONNX model needs its environment, --env Hopper-v5; other policies take none"
-        )
+    if not flags.policies:
+        raise PerdureError("name a policy: a file, or one of perdure list policies")
     task = "" if flags.env is None else task_of_environment(flags.env)
-    loaded = read_file(file, model_digest(file), task, None)
+    loaded: dict[str, PolicyLike] = {}
+    for name in flags.policies:
+        model = is_onnx(name)
+        file = Path(name) if model else find_policy(name)
+        if model == (flags.env is None):
+            load(file)  # raises what it is, if it is of another library
+            raise PerdureError(
+                f"{name}: an ONNX model needs its environment, --env Hopper-v5; other policies take none"
+            )
+        loaded[_short_name(name, flags.policies)] = read_file(file, model_digest(file), task, None)
+    # Only a policy with a time-to-go input has a clock of its own.
+    timed = next((each for each in loaded.values() if each.has_clock), next(iter(loaded.values())))
     film = films.watch(
-        loaded,
+        loaded if len(loaded) > 1 else timed,
         flags.out,
-        clock=read_clock("--clock", flags.clock, loaded, flags.steps),
-        beside=read_clock("--beside", flags.beside, loaded, flags.steps),
+        clock=read_clock("--clock", flags.clock, timed, flags.steps),
+        beside=read_clock("--beside", flags.beside, timed, flags.steps),
         disturb=flags.disturb,
         until_failure=flags.until_failure,
         steps=flags.steps,
@@ -162,10 +172,17 @@ def watch(flags: Watch) -> None:
         first_eval_seed=flags.first_eval_seed,
         modules=flags.modules,
     )
-    known = flags.env or loaded.task.name.startswith("gymnasium:")
+    known = flags.env or timed.task.name.startswith("gymnasium:")
     build = "" if known else "; a policy of EnvPool was trained on another build"
     print(*film.sentences, f"Filmed in {film.world}{build}.", sep="\n")
     print(f"\nFilm: {film.path.resolve()}")
+
+
+def _short_name(name: str, names: Sequence[str]) -> str:
+    """Return the last part of a policy's name, or the whole name where others have the same last part."""
+    stems = [Path(each).stem for each in names]
+    stem = Path(name).stem
+    return name if stems.count(stem) > 1 else stem
 
 
 def card(policy: tyro.conf.Positional[str], table: Path, out: Path | None = None) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from perdure.cli.parse import Cores, Normalizer, On, TimeFeature, Trust, call, whole_command
-from perdure.cli.subjects import is_function, load_function, policy_files
+from perdure.cli.subjects import is_function, load_function, named_files, policy_files
 from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, ExtrapolationResult
 from perdure.evaluate.options import OWN_CLOCK
@@ -28,7 +28,12 @@ def main(name: str, args: list[str]) -> None:
     if name == "report":
         call(report, args, name)
     else:
-        extrapolate(call(Flags, args, name), whole_command(args, name))
+        extrapolate_words(args)
+
+
+def extrapolate_words(args: list[str]) -> None:
+    """Run ``perdure extrapolate`` with these arguments."""
+    extrapolate(call(Flags, args, "extrapolate"), whole_command(args, "extrapolate"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +98,7 @@ def _evaluate_function(flags: Flags, command: str) -> ExtrapolationResult:
 def _evaluate_files(flags: Flags, command: str) -> ExtrapolationResult:
     """Evaluate policy files, ONNX models and models of Stable-Baselines3, and draw stills of a failure."""
     from perdure.evaluate.run import takes_clock
-    from perdure.evaluate.watch import add_stills
+    from perdure.evaluate.stills import add_stills
     from perdure.policy.onnx import is_onnx
 
     names = [str(each) for each in flags.policies]
@@ -201,7 +206,9 @@ def write_and_show(
     del episodes  # of a large table
     if not as_json:
         print(summary_text(estimates))
-    page = write_report(estimates, out, notes.get("command", ""), formats, notes, table.parent / STILLS).resolve()
+    command = notes.get("command", "")
+    files = named_files(command)
+    page = write_report(estimates, out, command, formats, notes, table.parent / STILLS, files).resolve()
     print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
     missed = [] if require is None else REQUIREMENTS[require](estimates)
     if missed:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -151,6 +153,24 @@ def _env(model: FoundModel, modules: Sequence[str]) -> str:
     except PerdureError as error:
         raise PerdureError(f"{model.path} was trained in {model.env}; --env names another one: {error}") from None
     return model.env
+
+
+def named_files(command: str) -> dict[str, str]:
+    """Return the policy files that are here and that a stored command names: their SHA-256 to the name."""
+    from perdure.policy import find_policy
+    from perdure.policy.onnx import model_digest
+
+    try:
+        words = shlex.split(command)
+    except ValueError:  # a table's text may be anything
+        return {}
+    found: dict[str, str] = {}
+    for word in words:
+        with suppress(PerdureError, OSError):
+            file = find_policy(word)
+            if file.is_file() and file.suffix in (".safetensors", ".onnx"):
+                found[model_digest(file)] = word
+    return found
 
 
 def is_function(name: str) -> bool:

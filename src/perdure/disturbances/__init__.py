@@ -9,7 +9,7 @@ world, and `perdure.wrappers.Disturb` to an environment of Gymnasium.
 """
 
 from perdure.disturbances.disturber import Disturber
-from perdure.disturbances.kinds import Noise
+from perdure.disturbances.kinds import Noise, root_velocity
 from perdure.disturbances.vocabulary import (
     CALM,
     STANDARD,
@@ -43,5 +43,6 @@ __all__ = [
     "neutral_level",
     "parse_disturbance",
     "parse_disturbances",
+    "root_velocity",
     "split_text",
 ]

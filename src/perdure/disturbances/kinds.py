@@ -183,6 +183,11 @@ class Push(Effect):
     source = "Rudin et al. 2022, legged_gym"
     place = 60
 
+    @classmethod
+    def first_step(cls, onset: int) -> int:
+        """See `Effect.first_step`."""
+        return onset or PUSH_STEPS
+
     def prepare(self) -> None:
         """Find the velocities of each root."""
         self._velocities = [horizontal_velocities(each.model) for each in self.robots.simulators]
@@ -346,3 +351,17 @@ def horizontal_velocities(model: Any) -> IntArray:
     if not numbers:
         raise PerdureError("the robot's root does not move, so it cannot be pushed")
     return np.array(numbers)
+
+
+def root_velocity(model: Any, change: FloatArray) -> FloatArray:
+    """Return what a change of `qvel` means for the horizontal velocity of a model's root, shape (3,)."""
+    import mujoco
+
+    total = np.zeros(3)
+    for number in horizontal_velocities(model):
+        joint = model.dof_jntid[number]
+        axis = model.jnt_axis[joint]
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            axis = np.eye(3)[number - model.jnt_dofadr[joint]]
+        total += change[number] * axis
+    return total

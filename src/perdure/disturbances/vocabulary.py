@@ -74,6 +74,11 @@ class Disturbance:
         return lookup(Effect.kinds(), self.name, "disturbance")
 
     @property
+    def first_step(self) -> int:
+        """Steps before the first one in which it acts."""
+        return self.kind.first_step(self.onset)
+
+    @property
     def is_timed(self) -> bool:
         """Whether there are undisturbed steps before its onset or after its duration."""
         return self.onset > 0 or self.duration is not None
@@ -294,6 +299,11 @@ class Effect(Registered):
             raise PerdureError(f"the level of {cls.name} must be {cls.least:g} or more, got {level}")
         if level >= cls.below:
             raise PerdureError(f"the level of {cls.name} must be less than {cls.below:g}, got {level}")
+
+    @classmethod
+    def first_step(cls, onset: int) -> int:
+        """Return the steps before the first one in which it acts."""
+        return onset
 
     @classmethod
     def overrides(cls, method: str) -> bool:

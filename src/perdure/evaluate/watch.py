@@ -1,11 +1,9 @@
-"""Films of a policy, at its failure or from its first step, and stills of a failure for the page of a table.
+"""Films of policies: the failure, or the first disturbed seconds, with every push marked.
 
 EnvPool cannot render, so a film shows the Gymnasium environment of the same name. Robots of one name move alike in
 both, up to rounding (`tests/envs/test_gymnasium_parity.py`): the two use different builds of MuJoCo. After some hundred
 steps with contacts the trajectories differ. The failure is therefore searched for in the Gymnasium environment. Any
 other environment of Gymnasium that renders rgb_array is filmed by itself.
-
-Stills replay an episode of a table that Gymnasium ran; disturbed ones mostly are.
 """
 
 from __future__ import annotations
@@ -13,44 +11,61 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from perdure.disturbances import Disturbance, applied_disturbances, check_onsets, labels, parse_disturbances
+from perdure.disturbances import CALM, Disturbance, root_velocity
 from perdure.envs import GymnasiumWorld, OpenEnv, World, refuse_import, task_spec
-from perdure.envs.disturbances import SIMULATED, DisturbedWorld, disturbed_task
+from perdure.envs.disturbances import SIMULATED, DisturbedWorld
 from perdure.envs.envpool import STEP_SECONDS
 from perdure.envs.gymnasium import call, engine_of, make_env, read_observation
 from perdure.envs.suites import GYMNASIUM_PREFIX, ROBOTS, is_contract
+from perdure.envs.world import FloatArray, IntArray, Step
 from perdure.errors import PerdureError
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes
 from perdure.evaluate.judge import Baseline, judge_table
-from perdure.evaluate.reference import idle_baseline, task_env, with_reference
-from perdure.evaluate.run import read_file
-from perdure.evaluate.table import episode_table, file_note, train_seed
+from perdure.evaluate.options import Condition, Extrapolation
+from perdure.evaluate.reference import Idle, idle_baseline, with_reference
+from perdure.evaluate.table import episode_table, train_seed
 from perdure.evaluate.verdict import ScoreScale
-from perdure.film import GRAY, GREEN, INK, RED, Picture, Renderer, annotate, check_film, save_picture, tile, write_film
-from perdure.horizon import Clock, parse_clock
-from perdure.policy import ClosedLoop, EpisodePolicy, Policy, PolicyLike
+from perdure.film import (
+    AMBER,
+    GRAY,
+    GREEN,
+    INK,
+    RED,
+    SUPERSAMPLING,
+    Picture,
+    Renderer,
+    annotate,
+    check_film,
+    tile,
+    write_film,
+)
+from perdure.horizon import Clock
+from perdure.policy import ClosedLoop, EpisodePolicy, PolicyLike
 from perdure.policy.network import one_thread
-from perdure.policy.onnx import model_digest
 from perdure.report import wording
-from perdure.report.groups import NO_CLOCK
-from perdure.report.outcomes import WORKED, Diverges, Falls, failures, outcome, outcomes
-from perdure.report.page import STILLS
-from perdure.runs import Unit, Work, config_digest, run_missing, versions, write_atomic
+from perdure.report.outcomes import WORKED, Diverges, Falls, failures, outcome
 
-if TYPE_CHECKING:
-    import polars as pl
-
-Met: TypeAlias = tuple[Disturbance, ...]
+Met: TypeAlias = Sequence[Disturbance]
+Camera: TypeAlias = Callable[..., Picture]
+"""Takes a picture of an environment; it may be given a push (see `Instant`)."""
+SECONDS = 6.0
+"""Seconds shown where nothing fails."""
+BEFORE_PUSH = 1.0
+"""Seconds shown before the first push, if it comes late."""
+PUSH_SECONDS = 0.4
+"""How long a push is marked in seconds."""
+ARROW = 0.2
+"""Length of the arrow that marks a push, of the camera's distance."""
 BEFORE = 5.0
 """Seconds shown before a failure."""
 AFTER = 1.0
@@ -61,12 +76,10 @@ RATE = 25.0
 """Pictures per second, at most."""
 SCORE_STEPS = 100
 """Steps over which the score in the picture is taken."""
-SIZE = (480, 360)
+SIZE = (400, 300)
 """Width and height of a picture of a film in pixels."""
-STILL_SIZE = (352, 264)
-"""Width and height of a still in pixels."""
-COLORS = 96
-"""Colors of the stills, a fifth of the bytes of all colors."""
+MOST_SHARP = 100_000
+"""Pictures of at most so many pixels are averaged from larger ones; for others that takes too long."""
 TITLE = 20
 """Font size of the first line above a picture."""
 SUBTITLE = 14
@@ -99,6 +112,10 @@ class JudgedEpisode:
     """Its return."""
     disturbances: Met = ()
     """What it meets."""
+    condition: str = CALM
+    """The same, as tables name it."""
+    policy: str = ""
+    """Name of its policy; "": the film shows one policy."""
 
     @property
     def failed(self) -> bool:
@@ -108,8 +125,11 @@ class JudgedEpisode:
     @property
     def words(self) -> tuple[str, str]:
         """Clock and disturbances, and outcome, in words."""
-        told = [] if self.clock is None else [wording.clock(self.clock.name, f"{self.clock.steps:,.0f}")]
-        told += [f"under {labels(self.disturbances)}"] if self.disturbances else []
+        told = []
+        if self.clock is not None:
+            told.append(wording.clock(self.clock.name, f"{self.clock.steps:,.0f}"))
+        if self.condition != CALM:
+            told.append(f"under {self.condition}")
         kind = outcome(self.outcome)
         when = ""
         if kind.by_end:
@@ -135,17 +155,21 @@ class Film:
     @property
     def sentences(self) -> list[str]:
         """Description of the video."""
-        words = [(*episode.words, episode.eval_seed) for episode in self.episodes]
-        return [f"{clock}, start state {seed}: {ending}" for clock, ending, seed in words]
+        found = []
+        for episode in self.episodes:
+            who, ending = episode.words
+            named = f"{episode.policy}, {who}" if episode.policy else who
+            found.append(f"{named}, start state {episode.eval_seed}: {ending}")
+        return found
 
 
 def watch(
-    policy: PolicyLike,
+    policies: PolicyLike | Mapping[str, PolicyLike],
     out: str | Path,
     *,
     clock: Clock | None = None,
     beside: Clock | None = None,
-    disturb: Sequence[str] = (),
+    disturb: Sequence[str] | None = None,
     until_failure: bool = False,
     steps: int = 10_000,
     eval_seeds: int = 10,
@@ -153,25 +177,28 @@ def watch(
     size: tuple[int, int] = SIZE,
     modules: Sequence[str] = (),
 ) -> Film:
-    """Film a policy; the left panel shows an episode that holds, if there is one.
+    """Film the failure of a policy: 5 s before it and 1 s after it. Without a failure, film 6 s from the first push on.
+
+    The left panel shows an episode that holds, if there is one. Pushes are marked by an arrow.
 
     Args:
-        policy: The policy.
+        policies: A policy, beside itself when calm; or policies of one task by name, side by side.
         out: The film, .mp4, .gif or .webp.
-        clock: Clock of the policy; None: its own clock.
-        beside: A second clock, from the same start state, over the same steps.
-        disturb: What the episode meets, such as push:0.5. A calm episode is shown beside it, unless there is `beside`.
-        until_failure: Search for the first start state from which the policy fails under ``clock``, and film 5 s before
-            the failure and 1 s after it. Otherwise film the first 6 s from the first start state.
+        clock: Clock of the policies; None: their own clocks.
+        beside: A second clock, from the same start state, over the same steps; shown in place of the calm episode.
+        disturb: What the episodes meet, such as push:0.5; None: standard-1, as far as the environment can do it;
+            ("none",): nothing.
+        until_failure: Search for the first start state from which a policy fails under ``clock``. Otherwise the first
+            start state is filmed.
         steps: Steps of each episode, unless it ends earlier.
         eval_seeds: Start states among which a failure is searched for.
         first_eval_seed: The first of them.
         size: Width and height of a panel's picture in pixels, even; environments without MuJoCo have their own.
-        modules: Python modules that the policy's task may import.
+        modules: Python modules that the policies' task may import.
 
     Raises:
-        PerdureError: If Gymnasium lacks the environment, no episode fails, rendering fails, the policy takes no clock,
-            or the file cannot be written.
+        PerdureError: If Gymnasium lacks the environment, no episode fails, rendering fails, no policy takes the clock,
+            the policies are for several tasks, or the file cannot be written.
     """
     out = Path(out)
     check_film(out)
@@ -179,33 +206,80 @@ def watch(
         raise PerdureError(f"steps and eval_seeds must be at least 1, got {steps} and {eval_seeds}")
     if first_eval_seed < 0:
         raise PerdureError(f"first_eval_seed must be at least 0, got {first_eval_seed}")
-    clock = clock or getattr(policy, "clock", None)
-    met = parse_disturbances(disturb)
-    check_onsets(met, steps)
-    if not policy.has_clock and (clock or beside) is not None:
-        raise PerdureError(f"this {policy.task.name} policy has no time-to-go input, so it takes no clock")
-    refuse_import(policy.task.name, modules, "the policy")
-    render_env = find_render_env(policy.task.name)
-    judge = Judge(policy, render_env.open(), steps)
-    seeds = range(first_eval_seed, first_eval_seed + eval_seeds)
-    judged = judge.judge(clock, seeds if until_failure else seeds[:1], met)
-    if (episode := next((each for each in judged if each.failed or not until_failure), None)) is None:
+    named = policies if isinstance(policies, Mapping) else {"": policies}
+    task = _one_task(named)
+    if (clock or beside) is not None and not any(policy.has_clock for policy in named.values()):
+        raise PerdureError(f"this {task} policy has no time-to-go input, so it takes no clock")
+    if beside is not None and len(named) > 1:
+        raise PerdureError("a second clock is shown beside one policy, not beside several")
+    refuse_import(task, modules, "the policy")
+    render_env = find_render_env(task)
+    source = render_env.open()
+    condition = _condition(disturb, steps, source)
+    idle = idle_baseline(source)
+    judges = {name: Judge(policy, source, steps, idle, name) for name, policy in named.items()}
+
+    # The start state, and an episode of each policy from there.
+    seeds = range(first_eval_seed, first_eval_seed + (eval_seeds if until_failure else 1))
+    episodes = _first_failing(judges, clock, condition, seeds)
+    failed = [each for each in episodes if each.failed]
+    if until_failure and not failed:
+        label = "no clock" if clock is None else clock.label
         raise PerdureError(
-            f"none of {eval_seeds} episodes of {steps:,} steps fails under "
-            f"{'no clock' if clock is None else clock.label}; ask for more --steps or --eval-seeds, another --clock or "
-            "--disturb"
+            f"none of {eval_seeds} episodes of {steps:,} steps fails under {label} ({condition.label}); ask for more "
+            "--steps or --eval-seeds, another --clock or --disturb"
         )
-    episodes = [episode]
-    if beside is not None or met:
-        episodes += judge.judge(beside or clock, [episode.eval_seed], () if beside is None else met)
-    episodes.sort(key=lambda each: (not outcome(each.outcome).good, bool(each.disturbances)))
+    # What is shown beside it.
+    seed = episodes[0].eval_seed
+    calm = replace(condition, label=CALM, disturbances=())
+    if beside is not None:
+        episodes += [judge.judge(beside, seed, condition) for judge in judges.values()]
+    elif condition.disturbances and len(judges) == 1:
+        episodes += [judge.judge(clock, seed, calm) for judge in judges.values()]
     with closing(render_env.build()) as env:
-        shown, rate = _shown_steps(env, judge.scale, episode if until_failure else None)
+        scale = judges[failed[0].policy].scale if failed else None
+        shown, rate = _shown_steps(env, scale, failed, condition.disturbances)
         world = f"{render_env.env_id}, {engine_of(env)}"
 
-    panels = [_panel(judge, each, render_env, shown, size, world) for each in episodes]
+    episodes.sort(key=lambda each: (not outcome(each.outcome).good, bool(each.disturbances)))
+    panels = [_panel(judges[each.policy], each, render_env, shown, size, world) for each in episodes]
     pictures = (tile(row, len(row)) for row in zip(*panels, strict=True))
     return Film(out, tuple(episodes), world, write_film(pictures, out, rate))
+
+
+def _one_task(policies: Mapping[str, PolicyLike]) -> str:
+    """Return the task of all policies; PerdureError if they have several."""
+    tasks = sorted({policy.task.name for policy in policies.values()})
+    if len(tasks) != 1:
+        raise PerdureError(f"policies that are filmed side by side must be for one task, not for {', '.join(tasks)}")
+    return tasks[0]
+
+
+def _condition(disturb: Sequence[str] | None, steps: int, source: OpenEnv) -> Condition:
+    """Return what the episodes meet: of several levels and of calm and disturbed, the last."""
+    asked = Extrapolation(steps=steps, disturb=None if disturb is None else tuple(disturb))
+
+    def make(met: Met) -> World:
+        return source.make([FIRST_EVAL_SEED])
+
+    with closing(make(())) as world:
+        spec = world.spec
+    conditions = asked.conditions(spec, make)
+    if disturb is not None and len(conditions) > 1:
+        raise PerdureError(f"a film shows one condition, not {', '.join(each.label for each in conditions)}")
+    return conditions[-1]
+
+
+def _first_failing(
+    judges: Mapping[str, Judge], clock: Clock | None, condition: Condition, seeds: Sequence[int]
+) -> list[JudgedEpisode]:
+    """Return an episode of each policy from the first start state from which one fails, else from the last."""
+    episodes = []
+    for seed in seeds:
+        episodes = [judge.judge(clock, seed, condition) for judge in judges.values()]
+        if any(each.failed for each in episodes):
+            break
+    return episodes
 
 
 @dataclass(frozen=True)
@@ -253,26 +327,28 @@ def find_render_env(task: str) -> RenderEnv:
 class Judge:
     """Judges one policy's episodes, `steps` long if nothing ends them; measures it within the training horizon too."""
 
-    def __init__(self, policy: PolicyLike, source: OpenEnv, steps: int) -> None:
-        # The stored reference may have been measured with another engine.
-        measured = with_reference(replace(policy, reference=None) if isinstance(policy, Policy) else policy, source)
+    def __init__(self, policy: PolicyLike, source: OpenEnv, steps: int, idle: Idle, name: str = "") -> None:
+        measured = with_reference(policy, source)
         assert measured.reference is not None
         self.policy = measured
         self._source = source
         self._steps = steps
-        baseline = Baseline(measured.reference, idle_baseline(source))
-        self.scale: ScoreScale = baseline.scale(policy.task.name)
+        self._name = name
+        self.scale: ScoreScale = Baseline(measured.reference, idle).scale(policy.task.name)
 
-    def judge(self, clock: Clock | None, eval_seeds: Sequence[int], met: Met = ()) -> list[JudgedEpisode]:
-        """Run one episode from each start state."""
-        episodes = [EpisodeSpec(0, clock, seed, met, self._steps) for seed in eval_seeds]
-        with closing(self._source.make([FIRST_EVAL_SEED + seed for seed in eval_seeds])) as world:
-            records = evaluate_episodes([self.policy], episodes, world=world)
-        raw = episode_table(["policy"], [self.policy], episodes, records)
+    def judge(self, clock: Clock | None, eval_seed: int, condition: Condition) -> JudgedEpisode:
+        """Run one episode; None: under the policy's own clock."""
+        own: Clock | None = getattr(self.policy, "clock", None)
+        used = (clock or own) if self.policy.has_clock else None
+        met = condition.disturbances
+        episode = EpisodeSpec(0, used, eval_seed, met, self._steps, condition.label)
+        with closing(self._source.make([FIRST_EVAL_SEED + eval_seed])) as world:
+            records = evaluate_episodes([self.policy], [episode], world=world)
+        raw = episode_table(["policy"], [self.policy], [episode], records)
         frame = judge_table(raw, {("policy", train_seed(self.policy)): self.scale})
         last = frame.filter(frame["step"] == self._steps)
-        rows = last.select("eval_seed", "outcome", "failed_step", "end_step", "return").iter_rows()
-        return [JudgedEpisode(clock, seed, word, at, end, total, met) for seed, word, at, end, total in rows]
+        word, at, end, total = last.select("outcome", "failed_step", "end_step", "return").row(0)
+        return JudgedEpisode(used, eval_seed, word, at, end, total, met, condition.label, self._name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,6 +361,27 @@ class Instant:
     """Return so far; steps after the end do not count."""
     env: Any
     """The environment in the state after this step."""
+    push: FloatArray | None = None
+    """Change of the root's velocity by a push before this step [m/s], shape (3,)."""
+
+
+class _PushedWorld(GymnasiumWorld):
+    """A world of one robot that notices pushes: its velocity changes between two steps."""
+
+    push: FloatArray | None = None
+    """See `Instant`; of the last step."""
+    _velocities: FloatArray | None = None
+
+    def step(self, actions: FloatArray, lanes: IntArray | None = None) -> Step:
+        """See `World.step`."""
+        env = self.environments[0].unwrapped
+        self.push = None
+        if self._velocities is not None and not np.array_equal(self._velocities, env.data.qvel):
+            self.push = root_velocity(env.model, env.data.qvel - self._velocities)
+        step = super().step(actions, lanes)
+        if hasattr(env, "mujoco_renderer"):
+            self._velocities = env.data.qvel.copy()
+        return step
 
 
 def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, stop: int) -> Iterator[Instant]:
@@ -296,7 +393,8 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
     env = render_env.build()
     seeds = [FIRST_EVAL_SEED + episode.eval_seed]
     kind = outcome(episode.outcome)
-    world: World = GymnasiumWorld([lambda: env], seeds)
+    robot = _PushedWorld([lambda: env], seeds)
+    world: World = robot
     if episode.disturbances:
         world = DisturbedWorld(world, episode.disturbances, seeds, policy.observation_std[None])
     try:
@@ -309,7 +407,7 @@ def replay(policy: PolicyLike, episode: JudgedEpisode, render_env: RenderEnv, st
                 ended = result.ended if kind.by_goal else result.terminated
                 if bool(ended[0]) != (step == episode.end_step and (kind.by_goal or episode.outcome == Falls.name)):
                     raise PerdureError(f"the episode of start state {episode.eval_seed} is not the one that was judged")
-                yield Instant(step, float(result.rewards[0]), total, env)
+                yield Instant(step, float(result.rewards[0]), total, env, robot.push)
             if stop >= episode.end_step and episode.outcome != Diverges.name and not math.isclose(total, episode.total):
                 raise PerdureError(
                     f"the episode returned {total:.6g} when it was filmed and {episode.total:.6g} when judged"
@@ -340,7 +438,7 @@ class RobotCamera(Renderer):
         materials = model.geom_matid[floors]
         model.mat_texuniform[materials[materials >= 0]] = 1
         model.mat_texrepeat[materials[materials >= 0]] = 1.0
-        super().__init__(model, size)
+        super().__init__(model, size, SUPERSAMPLING if size[0] * size[1] <= MOST_SHARP else 1)
         self.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION.value] = 0  # half of the time on a processor
         config = getattr(env.unwrapped.mujoco_renderer, "default_cam_config", None) or {}
         self._camera = mujoco.MjvCamera()
@@ -350,39 +448,67 @@ class RobotCamera(Renderer):
         self._camera.azimuth = AZIMUTH
         self._camera.elevation = ELEVATION
 
-    def take(self) -> Picture:
-        """Return a picture of the simulation as it is now."""
-        return self.draw(self._data, self._camera)
+    def take(self, push: FloatArray | None = None) -> Picture:
+        """Return a picture of the simulation as it is now, with an arrow for a push."""
+        if push is None or not np.any(push):
+            return self.draw(self._data, self._camera)
+        return self.draw(self._data, self._camera, partial(self._add_arrow, push / np.linalg.norm(push)))
+
+    def _add_arrow(self, direction: FloatArray) -> None:
+        """Add an arrow that ends at the robot's torso."""
+        import mujoco
+
+        length = ARROW * self._camera.distance
+        end = self._data.xpos[BODY]
+        arrow = self.scene.geoms[self.scene.ngeom]
+        kind = mujoco.mjtGeom.mjGEOM_ARROW.value
+        color = np.array([*np.divide(AMBER, 255.0), 1.0], np.float32)
+        mujoco.mjv_initGeom(arrow, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), color)
+        # MuJoCo draws an arrow half as long as the distance of the points that it connects.
+        start = end - length * direction
+        mujoco.mjv_connector(arrow, kind, 0.07 * length, start, end + length * direction)
+        arrow.emission = 0.6
+        self.scene.ngeom += 1
 
 
-def _own_picture(env: Any) -> Picture:
-    """Return the picture that an environment renders itself, cut to an even width and height."""
+def _own_picture(env: Any, push: FloatArray | None = None) -> Picture:
+    """Return the picture that an environment renders itself, cut to an even width and height; pushes are not drawn."""
     picture = np.asarray(call(str(env.spec.id), "render", env.render))
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
         raise PerdureError(f"{env.spec.id}: render must return bytes of shape (height, width, 3), not {picture.shape}")
     return picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
 
 
-def _camera(env: Any, size: tuple[int, int], stack: ExitStack) -> Callable[[], Picture]:
-    """Return a function that takes a picture of an environment."""
+def make_camera(env: Any, size: tuple[int, int], stack: ExitStack) -> Camera:
+    """Return a function that takes a picture of an environment, perhaps with a push."""
     if hasattr(env.unwrapped, "mujoco_renderer"):
         return stack.enter_context(RobotCamera(env, size)).take
     return partial(_own_picture, env)
 
 
-def _step_seconds(env: Any) -> float:
+def step_seconds(env: Any) -> float:
+    """Return the seconds of a step of an environment."""
     return float(getattr(env.unwrapped, "dt", 0.0) or 1.0 / (env.metadata.get("render_fps") or RATE))
 
 
-def _shown_steps(env: Any, scale: ScoreScale, failing: JudgedEpisode | None) -> tuple[range, float]:
-    """Return the steps to show, around a failure or from the first one, and the pictures per second."""
-    seconds_per_step = _step_seconds(env)
+def _shown_steps(env: Any, scale: ScoreScale | None, failed: Sequence[JudgedEpisode], met: Met) -> tuple[range, float]:
+    """Return the steps to show, around the first failure or from the first push on, and the pictures per second."""
+    seconds_per_step = step_seconds(env)
     stride = max(1, round(1.0 / (RATE * seconds_per_step)))
-    before, after = (round(seconds / seconds_per_step) for seconds in (BEFORE, AFTER))
-    middle = before if failing is None else failing.failed_step
-    if failing is not None and not outcome(failing.outcome).by_end:  # a failure that no single step shows
+    rate = 1.0 / (stride * seconds_per_step)
+    if not failed:
+        length = round(SECONDS / seconds_per_step)
+        pushed = max((each.first_step for each in met), default=0)
+        first = 1
+        if pushed > 0.5 * length:
+            first = pushed - round(BEFORE_PUSH / seconds_per_step)
+        return range(first, first + length, stride), rate
+    failing = min(failed, key=lambda each: each.failed_step)
+    before = round(BEFORE / seconds_per_step)
+    after = round(AFTER / seconds_per_step)
+    if scale is not None and not outcome(failing.outcome).by_end:  # a failure that no single step shows
         after += min(scale.window, round(MOST_WINDOW / seconds_per_step))
-    return range(max(1, middle - before), middle + after + 1, stride), 1.0 / (stride * seconds_per_step)
+    return range(max(1, failing.failed_step - before), failing.failed_step + after + 1, stride), rate
 
 
 def _panel(
@@ -390,124 +516,46 @@ def _panel(
 ) -> Iterator[Picture]:
     """Yield the pictures of one episode at some steps."""
     recent: deque[float] = deque(maxlen=SCORE_STEPS)
-    clock, ending = episode.words
+    who, ending = episode.words
     color = RED if episode.failed else INK
     if outcome(episode.outcome).good:
         color = GREEN
-    above = [(TITLE, [(f"{clock}: {ending}", color)]), (SUBTITLE, [(world, GRAY)])]
+    title = f"{who}: {ending}"
+    below_title = world
+    if episode.policy:
+        title = f"{episode.policy}: {ending}"
+        below_title = who
+    above = [(TITLE, [(title, color)]), (SUBTITLE, [(below_title, GRAY)])]
     with ExitStack() as stack:
-        take: Callable[[], Picture] | None = None
+        take: Camera | None = None
+        pushed = -math.inf
+        push: FloatArray | None = None
         for instant in replay(judge.policy, episode, render_env, shown.stop - 1):
             recent.append(instant.reward)
+            if instant.push is not None:
+                push = instant.push
+                pushed = instant.step
+            if instant.step > pushed + PUSH_SECONDS / step_seconds(instant.env):
+                push = None
             if instant.step not in shown:
                 continue
-            now = f"step {instant.step:,}"
-            if instant.step > episode.end_step:
-                now += f"   ended at step {episode.end_step:,}"
-            elif judge.scale.policy_state == WORKED:
-                score = float(judge.scale.score(np.array(sum(recent) / len(recent))))
-                now += f"   score against its own training {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)"
-            take = take or _camera(instant.env, size, stack)
+            take = take or make_camera(instant.env, size, stack)
             failed = episode.failed and instant.step >= episode.failed_step
-            yield annotate(take(), above, [(BELOW, [(now, INK)])], RED if failed else None)
+            edge = RED if failed else None
+            below = [(BELOW, [(_caption(judge, episode, instant, recent, push), INK)])]
+            yield annotate(take(push), above, below, edge)
 
 
-# Stills
-
-
-def add_stills(
-    frame: pl.DataFrame, notes: Mapping[str, str], policies: Sequence[Path], out: Path, on: str = "local"
-) -> None:
-    """Write stills of the first fall, else of the first other failure, beside the table.
-
-    There are none without a failure, where nothing can be drawn, and of episodes that EnvPool ran: it cannot be seen.
-
-    Args:
-        frame: The table of `evaluate_files`.
-        notes: The SHA-256 of its policy files, by `file_note`.
-        policies: These files.
-        out: The folder of the table. A worker draws the stills there, and only once.
-        on: Where, see `perdure.runs.make_workers`.
-    """
-    (out / STILLS).unlink(missing_ok=True)
-    files = {model_digest(path): path.resolve() for path in policies}
-    shown_words = [each.name for each in outcomes(good=False) if each.still_seconds is not None]
-    last = frame.filter((frame["step"] == frame["test_horizon"]) & frame["outcome"].is_in(shown_words))
-    found = list[_Filmed]()
-    for row in last.iter_rows(named=True):
-        filmed = _filmed(row, notes)
-        drawable = filmed.task.startswith(GYMNASIUM_PREFIX) or is_contract(filmed.task)
-        if drawable and filmed.file in files:
-            found.append(filmed)
-    if not found:
-        return
-    first = min(found, key=lambda each: (each.episode.outcome != Falls.name, each.episode.failed_step))
-    shown = {"task": first.task, "horizon": first.horizon, "who": first.who}
-    made_with = versions("gymnasium", "mujoco", "pillow")
-    config = {"policy": first.file, **shown, "episode": f"{first.episode}", **made_with}
-    arguments = {"path": files[first.file], "digest": first.file, **shown, "episode": first.episode}
-    unit = Unit(f"failure/{config_digest(config)[:16]}", config, f"{__name__}:draw_stills", arguments)
-    with suppress(Exception):  # whatever an environment or a driver does: the evaluation is finished
-        run_missing([unit], out, on, cores=1)
-        write_atomic(out / STILLS, (out / unit.key / STILLS).read_bytes())
-
-
-@dataclass(frozen=True)
-class _Filmed:
-    """An episode of a table of which stills can be drawn, if its files are there."""
-
-    episode: JudgedEpisode
-    task: str
-    """With its disturbances."""
-    file: str
-    """SHA-256 of the policy's file; "": unknown."""
-    who: str
-    """The policy, and what disturbs it."""
-    horizon: int | None
-    """Training horizon in steps; None: not finite."""
-
-
-def _filmed(row: Mapping[str, Any], notes: Mapping[str, str]) -> _Filmed:
-    """Return the episode of the last row that a table has of it."""
-    met = applied_disturbances(row["disturbance"], row["not_applied"])
-    clock = None if row["clock"] == NO_CLOCK else parse_clock(row["clock"])
-    # A fall is shown where it ended the episode, also after a silent failure.
-    at = row["end_step"] if outcome(row["outcome"]).by_end else max(1, row["failed_step"])
-    episode = JudgedEpisode(clock, row["eval_seed"], row["outcome"], at, row["end_step"], row["return"], met)
-    return _Filmed(
-        episode,
-        disturbed_task(row["task"], met),
-        notes.get(file_note(row["policy"], row["train_seed"]), ""),
-        row["policy"] + (f" under {row['disturbance']}" if met else ""),
-        int(row["train_horizon"]) if math.isfinite(row["train_horizon"]) else None,
-    )
-
-
-def draw_stills(
-    work: Work, *, path: Path, digest: str, task: str, horizon: int | None, who: str, episode: JudgedEpisode
-) -> None:
-    """Draw the stills of an episode into the work folder; the function of a unit."""
-    policy = with_reference(read_file(path, digest, task, horizon), task_env(task))
-    pictures = list[Picture]()
-    render_env = find_render_env(task)
-    at = episode.failed_step
-    seconds = outcome(episode.outcome).still_seconds
-    assert seconds is not None
-    with closing(render_env.build()) as env:
-        world = f"{render_env.env_id}, {engine_of(env)}"
-        apart = max(1, round(seconds / _step_seconds(env)))
-    captions = {max(1, at - apart): f"{seconds:g} s before", 1: "start", at: episode.outcome}
-    captions[at + apart] = f"{seconds:g} s after"
-    with ExitStack() as stack:
-        take: Callable[[], Picture] | None = None
-        for instant in replay(policy, episode, render_env, at + apart):
-            if instant.step in captions:
-                take = take or _camera(instant.env, STILL_SIZE, stack)
-                color = INK if instant.step < at else RED
-                said = [(BELOW, [(f"step {instant.step:,}: {captions[instant.step]}", color)])]
-                pictures.append(annotate(take(), below=said, edge=None if instant.step < at else RED))
-    clock = replace(episode, disturbances=()).words[0]
-    who += (f", {clock}" if episode.clock else "") + f", start state {episode.eval_seed}: {episode.words[1]}"
-    above = [(SUBTITLE, [(who, RED)]), (SUBTITLE, [(world, GRAY)])]
-    (work.folder / STILLS).unlink(missing_ok=True)  # of an attempt that was interrupted
-    save_picture(annotate(tile(pictures, 2), above), work.folder / STILLS, COLORS)
+def _caption(
+    judge: Judge, episode: JudgedEpisode, instant: Instant, recent: Sequence[float], push: FloatArray | None
+) -> str:
+    """Return the line under a picture: the step, a push, and the score of the last steps."""
+    parts = [f"step {instant.step:,}"]
+    if push is not None:
+        parts.append(f"push {np.linalg.norm(push):.2f} m/s")
+    if instant.step > episode.end_step:
+        parts.append(f"ended at step {episode.end_step:,}")
+    elif judge.scale.policy_state == WORKED:
+        score = float(judge.scale.score(np.array(sum(recent) / len(recent))))
+        parts.append(f"score {round(score, 2) + 0.0:.2f} (last {len(recent)} steps)")
+    return "   ".join(parts)

@@ -38,8 +38,9 @@ HEIGHT = 290
 """Of the area between the axes [px]."""
 PNG_SCALE = 2.0
 """Pixels of a PNG for each of these."""
-FONT_SIZE = 11
-TITLE_SIZE = 14
+FONT_SIZE = 14
+"""Of all text but the title: that of a page's notes and tables [px]."""
+TITLE_SIZE = 17
 LETTER = 0.52
 """Mean width of a letter in font sizes."""
 
@@ -92,12 +93,20 @@ CONFIG: dict[str, Any] = {
     "view": {"stroke": None},
     "title": {
         **{"anchor": "start", "frame": "bounds", "color": INK, "fontSize": TITLE_SIZE, "limit": 0, "offset": 12},
-        **{"subtitleColor": SOFT, "subtitleFontSize": FONT_SIZE, "subtitleLineHeight": 15, "subtitlePadding": 6},
+        **{"subtitleColor": SOFT, "subtitleFontSize": FONT_SIZE, "subtitleLineHeight": 19, "subtitlePadding": 6},
     },
-    "axis": {**_WORDS, "gridColor": GRID, "domainColor": SOFT, "ticks": False, "labelPadding": 5, "titlePadding": 8},
+    "axis": {
+        **_WORDS,
+        "gridColor": GRID,
+        "domainColor": SOFT,
+        "ticks": False,
+        "labelPadding": 8,
+        "titlePadding": 8,
+        "labelSeparation": 8,
+    },
     # The title of the upright axis lies level above it, where it can be read.
     "axisY": {
-        **{"titleAngle": 0, "titleAlign": "left", "titleBaseline": "bottom", "titleX": 0, "titleY": -20},
+        **{"titleAngle": 0, "titleAlign": "left", "titleBaseline": "bottom", "titleX": 0, "titleY": -30},
         "domain": False,
     },
     "legend": {**_WORDS, "orient": "top", "title": None, "symbolSize": 70, "columnPadding": 18, "offset": 10},
@@ -267,13 +276,17 @@ def _finite(arrays: Iterable[FloatArray | Sequence[float] | None]) -> list[float
 
 FEWEST_JOINED = 3
 """Fewer points are not joined by a line: nothing is known between two."""
-_LINE = 13
+_LINE = 17
 """Height of a line of text [px]."""
-_NAME = 24
+_NAME = 20
 """Letters of a curve's name in one line."""
-_BAR = 5
-"""Room for a bar at the right [px]."""
-_AT_RISK = 52
+_ROW_NAME = 26
+"""Letters of a row's name in one line."""
+_BAR = 12
+"""Room for an interval at the right [px]."""
+_CAP = 8
+"""Width of the ends of an interval at the right [px]."""
+_AT_RISK = 64
 """From the axis down to the numbers at risk [px]."""
 
 
@@ -363,8 +376,8 @@ def curve_chart(
     names = _end_names(lines, levels, x, y.bounds(ys), x.bounds(xs)[1])
     lasts = [row for row in names if row.get("lower") is not None]
     longest = max((len(word) for row in names for word in row["text"]), default=0)
-    bars_end = _BAR * len(lasts)
-    plot = max(width - 75 - text_width(longest) - bars_end, width // 3)
+    bars_end = _BAR * len(lasts) + (8 if lasts else 0)
+    plot = max(width - 85 - text_width(longest) - bars_end, width // 3)
     # Data and channels of the layers.
     span = {"y": up | {"field": "lower"}, "y2": {"field": "upper"}}
     color, dash, shape = _looks([*lines, *levels])
@@ -391,9 +404,15 @@ def curve_chart(
         layer(dots, "point", {"size": 55, "filled": True, "opacity": 1}, **point, shape=shape),
         layer([*joined, *dots], "point", {"size": 90, "filled": True, "opacity": 0}, **point, tooltip=tips),
     ]
+    # The interval of the last point stands apart from the curve and has ends, so that nobody takes it for a drop.
     for k, row in enumerate(lasts):
-        bar = {"size": 2.6, "opacity": 0.7, "xOffset": 4 + _BAR * k}
+        offset = 0.5 * _CAP + 8 + _BAR * k
+        bar = {"size": 1.6, "xOffset": offset}
         layers.append(layer([row], "rule", bar, x=edge, **span, color=color))
+        cap = {"width": _CAP, "height": 1.6, "xOffset": offset}
+        for end in ("lower", "upper"):
+            layers.append(layer([row], "rect", cap, x=edge, y=up | {"field": end}, color=color))
+        layers.append(layer([row], "point", {"size": 30, "filled": True, "xOffset": offset}, x=edge, y=up, color=color))
     thin = {"size": 0.7, "opacity": 0.7, "x2Offset": bars_end + 9}
     layers.append(layer(names, "rule", thin, **point, y2={"field": "at"}, x2=edge))
     layers.append(
@@ -470,7 +489,7 @@ def _at_risk_layers(curves: Sequence[Curve], across: Spec, right: float, color: 
     if not curves or not ticks:
         return
     style = {"baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
-    heading = [{"text": "number at risk: episodes without a failure before this step"}]
+    heading = [{"text": "number at risk"}]
     soft = {**style, "align": "left", "color": SOFT}
     yield layer(heading, "text", soft, x={"value": 0}, y={"value": place}, text=named("text"))
     for each in curves:
@@ -500,7 +519,7 @@ def _marker_layers(markers: Sequence[Marker], across: Spec, x: Axis, xs: Sequenc
         if left:
             style = {"align": "right", "dx": -4}
         style |= {"baseline": "bottom", "color": SOFT, "fontSize": FONT_SIZE}
-        yield layer(rows, "text", style, x=across, y={"value": -3}, text=named("text"))
+        yield layer(rows, "text", style, x=across, y={"value": -9}, text=named("text"))
 
 
 def spread(wanted: FloatArray, gap: float, low: float, high: float) -> FloatArray:
@@ -560,6 +579,7 @@ def point_chart(names: Sequence[str], points: Sequence[Points], x: Axis, width: 
 
     Kinds are drawn below each other in every row. `width` is that of the whole figure [px].
     """
+    names = _row_names(names)
     color, _, shape = _looks(points, legend=len(points) > 1)
     row_of = _row_channels(names, points)
     rows: list[Row] = []
@@ -602,6 +622,7 @@ def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = 
 
     The axis begins at 0; room for the texts is added. `width` is that of the whole figure [px].
     """
+    names = _row_names(names)
     color, _, _ = _looks(bars)
     row_of = _row_channels(names, bars, line=True)
     rows: list[Row] = []
@@ -637,15 +658,25 @@ def bar_chart(names: Sequence[str], bars: Sequence[Bars], x: Axis, width: int = 
 
 def row_size(names: Sequence[str], lines: int, width: int) -> tuple[int, int]:
     """Return width and height [px] of the area between the axes of a figure with rows of so many lines each."""
-    words = text_width(max(map(len, names), default=0)) + 45
-    return max(width - words, width // 3), len(names) * max(26, 19 * lines + 9)
+    lines_of = [name.split("\n") for name in names]
+    words = text_width(max((len(line) for each in lines_of for line in each), default=0)) + 50
+    tallest = max(map(len, lines_of), default=1)
+    return max(width - words, width // 3), len(names) * max(30, 22 * lines + 9, _LINE * tallest + 8)
+
+
+def _row_names(names: Sequence[str]) -> list[str]:
+    """Return the names of rows, long ones in several lines."""
+    return [name if len(name) <= _ROW_NAME else textwrap.fill(name, _ROW_NAME) for name in names]
 
 
 def _row_channels(names: Sequence[str], things: Sequence[Any], line: bool = False) -> Spec:
     scale = {"domain": list(names), "paddingInner": 0.3, "paddingOuter": 0.1}
+    axis: Spec = {"labelPadding": 10, "domain": line}
+    if any("\n" in name for name in names):
+        axis |= {"labelExpr": "split(datum.label, '\\n')", "labelLineHeight": _LINE}
     offset = {"domain": [each.label for each in things], "paddingInner": 0.12}
     return {
-        "y": named("row", title=None, scale=scale, axis={"labelPadding": 10, "domain": line}),
+        "y": named("row", title=None, scale=scale, axis=axis),
         "yOffset": named("label", scale=offset),
     }
 

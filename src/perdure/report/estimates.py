@@ -212,8 +212,8 @@ class Verdict:
     """Share of the episodes that hold or reach their goal, shape ()."""
     by_training_seed: Mapping[int, str]
     """The label of each training run by itself; empty where there is only one."""
-    evidence: str
-    """In words; "" where there is none."""
+    parts: tuple[str, ...]
+    """The evidence in words, most important first."""
     caveats: Mapping[str, str] = field(default_factory=dict)
     """Why a policy that holds is not clean: reasons by name, see `perdure.report.caveats`."""
 
@@ -221,6 +221,17 @@ class Verdict:
     def good(self) -> bool:
         """Whether the policy holds or reaches its goal."""
         return bool(outcome(self.label).good)
+
+    @property
+    def evidence(self) -> str:
+        """The evidence as one text; "" where there is none."""
+        return "; ".join(self.parts)
+
+    @property
+    def details(self) -> list[str]:
+        """What `sentence` says of its subject, part by part, without the caveats."""
+        seeds = self._training_seeds.strip().rstrip(".")
+        return [f"{self.claim}{self._of_all}", *self.parts, *filter(None, [seeds])]
 
     @property
     def clean(self) -> bool:
@@ -293,10 +304,14 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """Who, the verdict, how many episodes, the evidence, and which training runs hold."""
-        counted = self._counted + self._interval if self.label == Holds.name else ""
         evidence = f"; {self.evidence}." if self.evidence else "."
         caveats = f" But: {'; '.join(self.caveats.values())}." if self.caveats else ""
-        return f"{self.short}{counted}{evidence}{caveats}{self._training_seeds}"
+        return f"{self.short}{self._of_all}{evidence}{caveats}{self._training_seeds}"
+
+    @property
+    def _of_all(self) -> str:
+        """How many episodes hold; "" for other verdicts, whose claim says it."""
+        return self._counted + self._interval if self.label == Holds.name else ""
 
     @property
     def _interval(self) -> str:
@@ -345,7 +360,7 @@ def judge(group: Group, rng: np.random.Generator) -> Verdict:
         for (seed,), part in group.facts.group_by("train_seed"):
             mine = Counter(part["verdict"])
             by_seed[int(seed)] = _label(mine, sum(mine[each] for each in good) / mine.total())
-    evidence = "; ".join([*_evidence(group, label), *goal_evidence(group, label), *walk_evidence(group)])
+    evidence = (*_evidence(group, label), *goal_evidence(group, label), *walk_evidence(group))
     return Verdict(group, label, counts[label], share, by_seed, evidence)
 
 

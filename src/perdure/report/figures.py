@@ -39,8 +39,8 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[list[Figure], list[Figu
             have different test horizons and recorded steps.
 
     Returns:
-        (for the top of a page: failures over steps, and speed against steps between failures if there are several
-        training runs or groups; the others: reward over steps, both curves with all C for each swept method and kind of
+        (for the top of a page: failures over steps; the others: speed against steps between failures if there are
+        several training runs or groups, reward over steps, both curves with all C for each swept method and kind of
         clock, return against C, the score at the end).
     """
     shown = overview(estimates)
@@ -56,7 +56,7 @@ def make_figures(estimates: Sequence[Estimate]) -> tuple[list[Figure], list[Figu
                 others += [draw(drawn, title, drawn, "") for draw in (_failures, _reward)]
         others += _against_c(items, condition)
     task = estimates[0].group.task
-    parts = ([*top, *_plane(shown, selected)], [*others, *_score_at_the_end(estimates)])
+    parts = (top, [*_plane(shown, selected), *others, *_score_at_the_end(estimates)])
     top, others = ([replace(each, name=slug(task, each.name), heading=task) for each in part] for part in parts)
     return top, others
 
@@ -110,7 +110,7 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
         watched = times.astype(np.float64)
         label = _label(item, chosen)
         lines.append(Curve(label, x, y, look, lower, upper, intervals="last", watched=watched))
-    axis = Axis(f"share of episodes that have not failed ({_episodes(chosen)})", percent=True)
+    axis = Axis(f"share ({_episodes(chosen)})", percent=True)
     chart = curve_chart(
         *(lines, Axis("steps since the reset", log=high > low, low=low, high=high), axis),
         markers=_horizons(chosen, low, high),
@@ -138,7 +138,7 @@ def _reward(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate], s
     chart = curve_chart(
         lines,
         Axis("steps since the reset", log=high > low, low=low, high=high),
-        Axis(f"mean reward per step so far ({_episodes(chosen)})"),
+        Axis(f"mean reward per step ({_episodes(chosen)})"),
         markers=_horizons(chosen, low, high),
     )
     over = _notes(chosen, "returns", "Bands: pointwise" if bands else "Bars at the right: at the last step,")
@@ -224,7 +224,7 @@ def _plane(shown: Sequence[Estimate], selected: str) -> Iterator[Figure]:
     low = math.floor(math.log10(every.min() / 1.1))
     high = math.ceil(math.log10(every.max() * 1.1))
     across = Axis("steps between failures", log=True, low=10.0**low, high=10.0**high)
-    chart = curve_chart(lines, across, Axis("reward per step until the failure, above that of an idle robot"))
+    chart = curve_chart(lines, across, Axis("reward per step, above an idle robot's"))
     if unfailed:
         at = {name: {"field": name, "type": "quantitative"} for name in ("x", "y")}
         arrow = {"align": "left", "baseline": "middle", "dx": 6, "fontSize": 16, "color": charts.INK}

@@ -12,18 +12,18 @@ import json
 import math
 import os
 import platform
-import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 
-from perdure.disturbances import CALM, applied_disturbances, labels
+from perdure.disturbances import CALM
 from perdure.report import wording
 from perdure.report.caveats import CALM_WORK, listed
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
@@ -32,17 +32,16 @@ from perdure.report.estimates import (
     SEED,
     Estimate,
     Estimates,
-    Verdict,
-    advice,
     best_clocks,
     endured,
     estimate_table,
     headline,
 )
 from perdure.report.figures import make_figures
-from perdure.report.groups import NO_CLOCK, Group, medians, success_cells
-from perdure.report.outcomes import COLORS, CannotTell, Color, Outcome, outcome, outcomes
-from perdure.report.schema import FILE_NOTE, IMPORTED, TABLE, read_episodes
+from perdure.report.groups import Group, medians, success_cells
+from perdure.report.lead import Step, VerdictRow, next_steps, one_line, verdict_row
+from perdure.report.outcomes import CannotTell, outcomes
+from perdure.report.schema import TABLE, read_episodes
 from perdure.report.scores import HOLDS_FROM, IDLE_BELOW, holds_from
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
@@ -52,18 +51,6 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 # Parts of a page
-
-
-class Chip(NamedTuple):
-    """A word in its color."""
-
-    name: str
-    page_color: Color
-
-
-def _chip(verdict: Verdict) -> Outcome | Chip:
-    """Return a verdict as a page shows it: with caveats in the color of what is undecided."""
-    return Chip(verdict.word, COLORS[None]) if verdict.caveats else outcome(verdict.label)
 
 
 @cache
@@ -86,20 +73,26 @@ def header(
     task: str,
     sentence: str,
     points: Sequence[str] = (),
-    verdicts: Sequence[tuple[Outcome | Chip, str]] = (),
-    following: Sequence[tuple[str, str]] = (),
+    verdicts: Sequence[VerdictRow] = (),
+    following: Sequence[Step] = (),
 ) -> str:
     """Return a task's name over the sentence that sums it up, and points below it, all plain text.
 
-    `verdicts`: an outcome, shown as its word in its color, and a sentence. `following`: what to do next, and where it
-    is described.
+    `verdicts`: each a word in its color, and details. `following`: what to do next; commands get a button that copies.
     """
     return _part("header", task, sentence, points, verdicts, following)
 
 
 def figures(drawn: Sequence[Figure]) -> str:
-    """Return figures with their titles and notes, beside each other where the page is wide enough."""
-    return _part("figures", drawn)
+    """Return figures with their titles and notes, two beside each other where the page is wide enough.
+
+    The last of an odd number is as wide as the page.
+    """
+    shown = list(drawn)
+    narrow = [place for place, each in enumerate(shown) if not each.wide]
+    if len(narrow) % 2:
+        shown[narrow[-1]] = replace(shown[narrow[-1]], wide=True)
+    return _part("figures", shown)
 
 
 def table(
@@ -152,8 +145,6 @@ MOST_VERDICTS = 12
 """Most policies and clocks for which the text gives the evidence."""
 MOST_NAMED = 3
 """Most policies in the title of a page."""
-WATCH = "perdure watch {} --until-failure{} --out failure.mp4"
-DOCS = "https://github.com/perdure/perdure/blob/main/docs/how-to/"
 MOST_SHOWN = 40
 """Most episodes in a table that is open at first."""
 MOST_EPISODES = 1000
@@ -168,6 +159,7 @@ def write_report(
     formats: Sequence[Format] = ("png",),
     notes: Mapping[str, str] | None = None,
     stills: Path | None = None,
+    files: Mapping[str, str] | None = None,
 ) -> Path:
     """Write the page, and each figure as a file beside it; return the page's path.
 
@@ -178,6 +170,7 @@ def write_report(
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
         notes: Metadata of the table's file: `versions` and `evaluated` (the day) are shown.
         stills: A PNG file of one failure; it need not exist.
+        files: SHA-256 of policy files to the names by which commands find them.
 
     Raises:
         PerdureError: The table does not fit the schema, or a format is unknown.
@@ -192,9 +185,9 @@ def write_report(
     for task, estimates in by_task.items():
         top, others = (unique(drawn, taken) for drawn in make_figures(estimates))
         save([*top, *others], folder, formats)
-        sentence = headline([item.verdict for item in estimates]).removeprefix(f"{task}: ")
-        verdicts = [(_chip(item.verdict), item.verdict.sentence) for item in estimates[:MOST_VERDICTS]]
-        after = _advice(estimates, folder, command, notes)
+        sentence = one_line([item.verdict for item in estimates])
+        verdicts = [verdict_row(item.verdict) for item in estimates[:MOST_VERDICTS]]
+        after = next_steps(estimates, folder, command, notes, files or {})
         parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
         parts += [figures(top), *shown, *_tables(estimates), figures(others)]
@@ -243,55 +236,6 @@ def _beside_verdicts(estimates: Sequence[Estimate]) -> Iterator[str]:
     yield from best_clocks(estimates, np.random.default_rng(SEED))
 
 
-def _advice(
-    estimates: Sequence[Estimate], folder: Path, command: str, notes: Mapping[str, str] | None
-) -> list[tuple[str, str]]:
-    """Return what to do next, each sentence once, and where it is described; for the policies that are named first."""
-    parts: dict[str, list[Verdict]] = {}
-    for item in estimates:
-        parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
-    found = list(dict.fromkeys(advice(verdicts) for verdicts in parts.values()))[:MOST_NAMED]
-    # A function cannot be filmed: only tables of files name them.
-    of_files = notes is None or any(name.startswith(FILE_NOTE) for name in notes)
-    failing = [item.group for item in estimates if item.group.failed.any()]
-    if of_files and failing:
-        watch = _watch_command(failing[0], folder, command)
-        found.append((f"See the first failure: {watch}.", f"{DOCS}watch-a-failure.md"))
-    return found
-
-
-def _watch_command(group: Group, folder: Path, command: str) -> str:
-    """Return the command that films the first failed episode of a group.
-
-    Args:
-        group: Episodes, of which some failed.
-        folder: Of the table, where imported policies are.
-        command: What made the table.
-    """
-    files = list((folder / IMPORTED).glob("*.safetensors"))
-    policy = shlex.quote(str(files[0])) if len(files) == 1 else "POLICY"
-    options: dict[str, str | int] = {}
-    if ".onnx" in command and not files:  # other files name their environment
-        options["env"] = shlex.quote(group.task)
-    module = group.task.rpartition(":")[0].partition(":")[2]
-    if module:
-        options["modules"] = shlex.quote(module)
-    options["steps"] = group.test_horizon
-    first = int(group["eval_seed"][group.failed].min())
-    if first > 0:
-        options["first-eval-seed"] = first
-    if group.clock_kind != NO_CLOCK:
-        options["clock"] = group.clock_flag
-    left_out = group["not_applied"][0]
-    disturb = group.disturbance
-    if left_out:
-        disturb = labels(applied_disturbances(disturb, left_out))
-    if disturb != CALM:
-        options["disturb"] = disturb
-    flags = "".join(f" --{name} {value}" for name, value in options.items())
-    return WATCH.format(policy, flags)
-
-
 def _tables(estimates: Sequence[Estimate]) -> Iterator[str]:
     over = " or ".join(sorted({_over(item.returns) for item in estimates}))
     missing = {(item.group.disturbance, what) for item in estimates for what in item.group["not_applied"] if what}
@@ -338,6 +282,8 @@ def _outcomes(verdicts: Sequence[str]) -> str:
 
 
 END_SCORE = "end vs training"
+UNKNOWN = "\u2013"
+"""Of a cell whose value is not known."""
 
 
 def _column_cell(name: str) -> Callable[[Estimate], str]:
@@ -366,9 +312,11 @@ _CELLS: dict[str, Callable[[Estimate], str]] = {
 
 
 def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
-    """Return the headings, and a row for each policy and clock."""
+    """Return the headings, and a row for each policy and clock; columns in which nothing is known are left out."""
     found = [{name: cell(item) for name, cell in _CELLS.items()} | success_cells(item.group) for item in estimates]
-    return [tuple(found[0]), *(tuple(each.values()) for each in found)]
+    names = dict.fromkeys(name for each in found for name in each)
+    shown = [name for name in names if any(each.get(name, UNKNOWN) != UNKNOWN for each in found)]
+    return [tuple(shown), *(tuple(each.get(name, UNKNOWN) for name in shown) for each in found)]
 
 
 _EPISODE = (

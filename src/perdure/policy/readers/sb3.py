@@ -61,9 +61,7 @@ NETWORKS = {
     ),
     **dict.fromkeys(
         (SAC, TQC),
-        _Network(
-            ("actor.latent_pi",), ("actor.mu.0", "actor.mu"), r"actor\.log_std((\.0)?\.(weight|bias))?|critic.*"
-        ),
+        _Network(("actor.latent_pi",), ("actor.mu.0", "actor.mu"), r"actor\.log_std((\.0)?\.(weight|bias))?|critic.*"),
     ),
     TD3: _Network(("actor.mu",), others=r"(actor_target|critic).*"),
     DQN: _Network(("q_net.q_net",), others=r"q_net_target\..*"),
