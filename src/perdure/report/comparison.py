@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -455,7 +455,6 @@ class Ranking:
     policies: tuple[Ranked, ...]
     confirmed: Summary
     """The winner (B) against the second (A), on fresh start states."""
-    notes: tuple[str, ...] = field(default=())
 
     @property
     def winner(self) -> Ranked:

@@ -82,25 +82,23 @@ def _where(condition: str) -> str:
 
 def ranking_headline(ranking: Ranking) -> str:
     """Return who is best, and whether that was confirmed."""
-    winner = ranking.winner
-    seconds = ranking.confirmed.a
-    confirmed = ranking.confirmed
-    again = confirmed.deciding.b
-    words = MEASURES[ranking.by].words
-    sentence = (
-        f"{winner.name} is first of {len(ranking.policies)}: {words} {_where(ranking.condition)} "
-        f"{_cell(winner.value, ranking.by)} on the {wording.count(ranking.seeds, 'start state')} that selected it, "
-        f"{_cell(again, ranking.by)} on {wording.count(confirmed.counts[0], 'fresh one')}"
+    first = f"{ranking.winner.name} is first of {len(ranking.policies)}"
+    second = ranking.confirmed.a
+    if ranking.confirmed.verdict == BETTER:
+        return f"{first}; fresh start states confirm that it is better than the second, {second}"
+    return f"{first}; fresh start states do not show that it is better than the second, {second}"
+
+
+def selection(ranking: Ranking) -> str:
+    """Return the winner's number where it was selected, and where it was not."""
+    fresh = ranking.confirmed
+    what = f"{MEASURES[ranking.by].words} {_where(ranking.condition)}".capitalize()
+    return (
+        f"{what}: {_cell(ranking.winner.value, ranking.by)} "
+        f"on the {wording.count(ranking.seeds, 'start state')} that selected it. This number is too high, because the "
+        f"best of several is partly lucky. On {wording.count(fresh.counts[0], 'fresh start state')}: "
+        f"{_cell(fresh.deciding.b, ranking.by)}."
     )
-    if confirmed.verdict == BETTER:
-        return f"{sentence}, where it is better than the second, {seconds}"
-    return f"{sentence}, which do not show that it is better than the second, {seconds}"
-
-
-SELECTED = (
-    "The first number is selected: the best of several is partly lucky, and its mean is too high. The second, on start "
-    "states that did not select it, is not."
-)
 
 
 # Tables
@@ -171,7 +169,7 @@ def summary_text(summary: Summary) -> str:
 def ranking_text(ranking: Ranking) -> str:
     """Return a ranking for a terminal."""
     rows = _aligned([_ranking_headings(ranking), *_ranking_rows(ranking)])
-    return "\n".join([f"{ranking.task}: {ranking_headline(ranking)}", f"  {SELECTED}", "", rows])
+    return "\n".join([f"{ranking.task}: {ranking_headline(ranking)}", f"  {selection(ranking)}", "", rows])
 
 
 def summary_document(summary: Summary) -> dict[str, Any]:
@@ -235,8 +233,8 @@ def write_page(result: Summary | Ranking, out: str | os.PathLike[str], command: 
         confirmed = result.confirmed
         numbers = _measures_table(confirmed)
         title = f"{len(result.policies)} policies on {result.task}: which is best?"
-        first = table("Ranking", _ranking_headings(result), list(_ranking_rows(result)), SELECTED)
-        parts = [header(result.task, ranking_headline(result), [SELECTED]), first, numbers]
+        first = table("Ranking", _ranking_headings(result), list(_ranking_rows(result)))
+        parts = [header(result.task, ranking_headline(result), [selection(result)]), first, numbers]
     else:
         confirmed = result
         numbers = _measures_table(confirmed)
