@@ -13,8 +13,16 @@ from scripted import SCRIPTED, Script, policy_for, world_of
 
 from perdure.errors import PerdureError, PerdureWarning
 from perdure.evaluate import EpisodeSpec, ExtrapolationResult, evaluate_episodes
-from perdure.evaluate.judge import BASELINES, Baseline, judge_table, make_scales, read_baselines, read_judged
-from perdure.evaluate.reference import Idle
+from perdure.evaluate.judge import (
+    BASELINES,
+    Baseline,
+    judge_table,
+    make_scales,
+    other_engine,
+    read_baselines,
+    read_judged,
+)
+from perdure.evaluate.reference import Idle, idle_baseline, task_env
 from perdure.evaluate.table import TABLE_FILE, episode_table, with_not_applied
 from perdure.policy import Reference
 from perdure.report import read_episodes
@@ -231,3 +239,29 @@ def test_an_outcome_of_another_package_is_judged_sorted_and_shown_with_its_color
     assert "<b class='word' style='--light: #123456; --dark: #abcdef'>limps</b>" in page
     assert "<em>Limps</em>: it is a little slower than in training." in page
     assert said.splitlines()[-2] == "Look at its legs."
+
+
+def test_baselines_of_an_earlier_version_are_read(folder, tmp_path):
+    """They do not say how long an idle robot lasts, nor in what the policy was trained."""
+    older = pl.read_parquet(folder / BASELINES).drop("idle_zero_steps", "idle_random_steps", "other_engine")
+    older.write_parquet(tmp_path / BASELINES)
+    (found,) = read_baselines(tmp_path / BASELINES).values()
+    assert np.isnan(found.idle.steps)
+    assert found.other_engine == ""
+
+
+@pytest.mark.parametrize(
+    ("trained", "judged", "differs"),
+    [
+        ("EnvPool 1.2.5, MuJoCo 3.6.0", "Gymnasium 1.4.0, MuJoCo 3.6.0", False),
+        ("EnvPool 1.2.5, MuJoCo 2.1.0", "Gymnasium 1.4.0, MuJoCo 3.6.0", True),
+        ("Isaac Lab 2.1", "Gymnasium 1.4.0, MuJoCo 3.6.0", True),
+        ("", "Gymnasium 1.4.0, MuJoCo 3.6.0", False),
+    ],
+)
+def test_only_another_mujoco_is_another_simulator(trained, judged, differs):
+    assert bool(other_engine(trained, judged)) == differs
+
+
+def test_an_idle_cart_pole_falls_at_once():
+    assert idle_baseline(task_env("gymnasium:CartPole-v1")).steps < 100
