@@ -182,7 +182,14 @@ def make_env(env_id: str, **options: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        env = gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+        try:
+            env = gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+        except PerdureError:  # of perdure's own environments
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+            # Without its cause, whose traceback of Gymnasium's own code would hide this sentence.
+            raise PerdureError(f"gymnasium.make({env_id!r}) fails without perdure, too: {reason}") from None
     lift(env)  # a registered environment may contain a TimeLimit
     return env
 

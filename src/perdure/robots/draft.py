@@ -120,7 +120,15 @@ def _flow(value: Any) -> str:
 
 def _quoted(text: str) -> str:
     """Return a name as YAML; quoted where it could be read as something else."""
-    if re.fullmatch(r"[A-Za-z_][\w./-]*", text) and text.lower() not in ("true", "false", "yes", "no", "on", "off", "null"):
+    if re.fullmatch(r"[A-Za-z_][\w./-]*", text) and text.lower() not in (
+        "true",
+        "false",
+        "yes",
+        "no",
+        "on",
+        "off",
+        "null",
+    ):
         return text
     return "'" + text.replace("'", "''") + "'"
 
@@ -153,7 +161,9 @@ def _limits(facts: Mapping[str, Any], joints: Sequence[str]) -> list[str]:
         lines.append(f"# {texts[name]}")
         bare = [joint for joint in joints if not values.get(joint)]
         if bare:
-            lines.append(f"# {MARK} {name}: the model has none for {len(bare)} of {len(joints)} joints, such as {bare[0]}")
+            lines.append(
+                f"# {MARK} {name}: the model has none for {len(bare)} of {len(joints)} joints, such as {bare[0]}"
+            )
         shown = [float(values.get(joint, 0.0)) for joint in joints]
         lines += [f"# {line}" for line in _wrapped(f"{name}: [", [_flow(each) for each in shown])]
     if facts["integrator"] != "IMPLICITFAST":

@@ -61,14 +61,12 @@ NETWORKS = {
     ),
     **dict.fromkeys(
         (SAC, TQC),
-        _Network(
-            ("actor.latent_pi",), ("actor.mu.0", "actor.mu"), r"actor\.log_std((\.0)?\.(weight|bias))?|critic.*"
-        ),
+        _Network(("actor.latent_pi",), ("actor.mu.0", "actor.mu"), r"actor\.log_std((\.0)?\.(weight|bias))?|critic.*"),
     ),
     TD3: _Network(("actor.mu",), others=r"(actor_target|critic).*"),
     DQN: _Network(("q_net.q_net",), others=r"q_net_target\..*"),
     QRDQN: _Network(("quantile_net.quantile_net",), others=r"quantile_net_target\..*"),
-    ARS: _Network(("action_net",)),
+    ARS: _Network(("action_net",), ("action_net",)),  # the linear policy of old versions has no number
 }
 """By the module of the policy class."""
 TORCH_ACTIVATIONS = {
