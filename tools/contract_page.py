@@ -14,7 +14,8 @@ from perdure.robots.terms import ObservationTerm
 HEAD = """# Contract of a robot
 
 The fields of the YAML file. Values of joints are one number, a list in the order of `joints`, or a table from regular
-expressions of their names. `perdure robot init robot.xml` writes a draft ([robot to verdict](../how-to/robot-to-verdict.md)).
+expressions of their names. `perdure robot init robot.xml` writes a draft
+([robot to verdict](../how-to/robot-to-verdict.md)).
 """
 
 

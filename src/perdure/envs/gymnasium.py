@@ -314,8 +314,18 @@ def engine_of(env: Any) -> str:
     if hasattr(getattr(env, "unwrapped", None), "mujoco_renderer"):
         import mujoco
 
+        refuse_mujoco(mujoco.__version__)
         engine += f", MuJoCo {mujoco.__version__}"
     return engine
+
+
+def refuse_mujoco(version: str) -> None:
+    """Raise PerdureError for a MuJoCo that computes wrong dynamics."""
+    if version.startswith("4.0.0"):
+        raise PerdureError(
+            f"MuJoCo {version} is installed. It computes a wrong sparse Cholesky factor, so robots move wrongly in it: "
+            "pip install 'mujoco>=3.6,<4'"
+        )
 
 
 def _step_seconds(env: Any) -> float:

@@ -310,8 +310,8 @@ def _policy_module(policy_class: dict[str, Any], what: str) -> str:
         if "recurrent" in _short(module):
             memory = " (for RecurrentPPO, its predict with recurrent=True)"
         raise PerdureError(
-            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy and MultiInputPolicy of PPO, "
-            f"A2C, TRPO, SAC, TQC, TD3, DQN, QR-DQN and ARS{memory}: {USE_A_FUNCTION}"
+            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy and MultiInputPolicy of "
+            f"PPO, A2C, TRPO, SAC, TQC, TD3, DQN, QR-DQN and ARS{memory}: {USE_A_FUNCTION}"
         )
     return module
 
