@@ -105,5 +105,5 @@ bench: setup ## Measure beside the peers, in .venv-bench; writes benchmarks/late
 	@$(BIN)/python benchmarks/bench.py
 
 clean: ## Remove caches, build products and the demonstration; keep .venv and runs
-	@rm -rf build dist docs/_build docs/reference/api docs/reference/cli.md docs/home/skills.md "$(DEMO_OUT)" .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf build dist docs/_build docs/reference/api docs/reference/cli.md docs/reference/contract.md docs/home/skills.md "$(DEMO_OUT)" .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src studies tests benchmarks examples tools -name __pycache__ -type d -prune -exec rm -rf {} +

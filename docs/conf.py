@@ -9,6 +9,7 @@ sys.path[:0] = [str(ROOT / "src"), str(ROOT / "tools")]
 
 import api_pages  # noqa: E402
 import cli_page  # noqa: E402
+import contract_page  # noqa: E402
 import docstrings  # noqa: E402
 import skill_tables  # noqa: E402
 from marks import write_changed  # noqa: E402
@@ -59,6 +60,7 @@ def setup(app: Any) -> None:
     reference = ROOT / "docs" / "reference"
     api_pages.write(reference / "api")
     write_changed(reference / "cli.md", cli_page.page())
+    write_changed(reference / "contract.md", contract_page.page())
     write_changed(ROOT / "docs" / "home" / "skills.md", skill_tables.page())
     app.connect("autodoc-process-docstring", docstrings.plain_attribute, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", docstrings.process, priority=600)

@@ -22,7 +22,13 @@ from perdure.learn.presets import METHODS
 ROOT = Path(__file__).parents[1]
 OWN_CLOCKS = [name for name, kind in Clock.kinds().items() if kind.__module__ == "perdure.horizon"]
 OWN_DISTURBANCES = [name for name, kind in Effect.kinds().items() if kind.__module__.startswith("perdure.")]
-GENERATED = ("docs/reference/api", "docs/reference/cli.md", "docs/home/skills.md", "docs/_build")
+GENERATED = (
+    "docs/reference/api",
+    "docs/reference/cli.md",
+    "docs/reference/contract.md",
+    "docs/home/skills.md",
+    "docs/_build",
+)
 PAGES = {
     name: path.read_text()
     for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from perdure.envs import is_task, list_tasks, make_world, task_of_environment
+from perdure.envs.gymnasium import refuse_mujoco
 from perdure.errors import PerdureError
 
 MEANINGS = {
@@ -48,3 +49,16 @@ def test_an_unknown_name_is_refused_with_the_nearest(name):
 def test_an_empty_name_is_refused():
     with pytest.raises(PerdureError, match="empty"):
         task_of_environment(" ")
+
+
+def test_what_gymnasium_cannot_make_is_said_without_its_traceback():
+    with pytest.raises(PerdureError, match="without perdure") as caught:
+        make_world("gymnasium:Hopper-v3", [0])
+    assert caught.value.__cause__ is None
+    assert caught.value.__suppress_context__
+
+
+def test_the_mujoco_that_is_known_to_be_wrong_is_refused_with_the_reason():
+    with pytest.raises(PerdureError, match=r"4\.0\.0.*Cholesky"):
+        refuse_mujoco("4.0.0")
+    refuse_mujoco("3.17.0")

@@ -1,4 +1,4 @@
-"""`robot init`: what a draft takes from a model, from metadata and from a deploy.yaml, and what it leaves to fill in."""
+"""`robot init`: what a draft takes from a model, from metadata and a deploy.yaml, and what it leaves to fill in."""
 
 import numpy as np
 import pytest

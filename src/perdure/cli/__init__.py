@@ -26,7 +26,7 @@ USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, a
   perdure card my-policy --table extrapolation         write a policy's model card
   perdure list policies                                list tasks, methods, policies or disturbances
   perdure inspect Hopper-v3/geometric                  show what a policy file contains
-  perdure robot check go2.yaml --policy policy.onnx    do contract, model and policy of a legged robot fit? (init: a draft)
+  perdure robot check go2.yaml --policy policy.onnx    do contract, model and policy of a legged robot fit?
   perdure home ...                                     the Home Assistant Benchmark: does the object stay?
 
 Each command explains its options with --help. Documentation: {DOCS}

@@ -183,7 +183,14 @@ def make_env(env_id: str, **options: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        env = gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+        try:
+            env = gymnasium.make(env_id, max_episode_steps=-1, disable_env_checker=True, **options)
+        except PerdureError:  # of perdure's own environments
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+            # Without its cause, whose traceback of Gymnasium's own code would hide this sentence.
+            raise PerdureError(f"gymnasium.make({env_id!r}) fails without perdure, too: {reason}") from None
     lift(env)  # a registered environment may contain a TimeLimit
     return env
 
@@ -308,8 +315,18 @@ def engine_of(env: Any) -> str:
     if hasattr(getattr(env, "unwrapped", None), "mujoco_renderer"):
         import mujoco
 
+        refuse_mujoco(mujoco.__version__)
         engine += f", MuJoCo {mujoco.__version__}"
     return engine
+
+
+def refuse_mujoco(version: str) -> None:
+    """Raise PerdureError for a MuJoCo that computes wrong dynamics."""
+    if version.startswith("4.0.0"):
+        raise PerdureError(
+            f"MuJoCo {version} is installed. It computes a wrong sparse Cholesky factor, so robots move wrongly in it: "
+            "pip install 'mujoco>=3.6,<4'"
+        )
 
 
 def _step_seconds(env: Any) -> float:

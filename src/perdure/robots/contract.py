@@ -108,7 +108,8 @@ class Contract(Record, frozen=True, kw_only=True):
     gait_offsets: tuple[Number, ...] = (0.0, 0.5)
     """Offset of each phase [periods]."""
     command: Command = (0.5, 0.0, 0.0)
-    """Forward and lateral velocity [m/s] and yaw rate [rad/s], held from start to end, unless there is a script or a range of random commands."""
+    """Forward and lateral velocity [m/s] and yaw rate [rad/s], held from start to end, unless
+    there is a script or a range of random commands."""
     script: tuple[tuple[Number, Number, Number, Number], ...] = ()
     """Rows of when a command begins [s], and the command."""
     repeat: Positive = math.inf

@@ -134,7 +134,7 @@ def _foreign_loader() -> Any:
     """Return a subclass of YAML's safe loader that reads a value of any unknown tag without it."""
     import yaml
 
-    class Loader(yaml.SafeLoader):
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
         """See `parse_yaml`."""
 
     def plain(loader: Any, suffix: str, node: Any) -> Any:

@@ -66,7 +66,7 @@ NETWORKS = {
     TD3: _Network(("actor.mu",), others=r"(actor_target|critic).*"),
     DQN: _Network(("q_net.q_net",), others=r"q_net_target\..*"),
     QRDQN: _Network(("quantile_net.quantile_net",), others=r"quantile_net_target\..*"),
-    ARS: _Network(("action_net",)),
+    ARS: _Network(("action_net",), ("action_net",)),  # the linear policy of old versions has no number
 }
 """By the module of the policy class."""
 TORCH_ACTIVATIONS = {
@@ -310,8 +310,8 @@ def _policy_module(policy_class: dict[str, Any], what: str) -> str:
         if "recurrent" in _short(module):
             memory = " (for RecurrentPPO, its predict with recurrent=True)"
         raise PerdureError(
-            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy and MultiInputPolicy of PPO, "
-            f"A2C, TRPO, SAC, TQC, TD3, DQN, QR-DQN and ARS{memory}: {USE_A_FUNCTION}"
+            f"{what}: its policy class comes from {_short(module)}; read are the MlpPolicy and MultiInputPolicy of "
+            f"PPO, A2C, TRPO, SAC, TQC, TD3, DQN, QR-DQN and ARS{memory}: {USE_A_FUNCTION}"
         )
     return module
 
