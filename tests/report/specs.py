@@ -6,14 +6,14 @@ import re
 
 
 def rows(spec, mark, **style):
-    """The data of all layers with a mark, and with these properties of it."""
+    """The data of all layers with a mark, and with these properties of it; names of rows in one line."""
     found = []
     for layer in spec["layer"]:
         kind = layer["mark"]
         if kind["type"] == mark and all(kind.get(name) == value for name, value in style.items()):
             data = layer["data"]
             found += data["values"] if "values" in data else spec["datasets"][data["name"]]
-    return found
+    return [row | {"row": " ".join(row["row"].split())} if "row" in row else row for row in found]
 
 
 def by_label(spec, mark, field="y", **style):

@@ -408,7 +408,7 @@ def curve_chart(
     for k, row in enumerate(lasts):
         offset = 0.5 * _CAP + 8 + _BAR * k
         bar = {"size": 1.6, "xOffset": offset}
-        layers.append(layer([row], "rule", bar, x=edge, **span, color=color))
+        layers.append(layer([row], "rule", bar, x=edge, **span, color=color, strokeDash=dash))
         cap = {"width": _CAP, "height": 1.6, "xOffset": offset}
         for end in ("lower", "upper"):
             layers.append(layer([row], "rect", cap, x=edge, y=up | {"field": end}, color=color))
@@ -666,7 +666,11 @@ def row_size(names: Sequence[str], lines: int, width: int) -> tuple[int, int]:
 
 def _row_names(names: Sequence[str]) -> list[str]:
     """Return the names of rows, long ones in several lines."""
-    return [name if len(name) <= _ROW_NAME else textwrap.fill(name, _ROW_NAME) for name in names]
+    wrapped = []
+    for name in names:
+        kept = name.replace(" = ", "\u00a0=\u00a0")
+        wrapped.append(name if len(name) <= _ROW_NAME else textwrap.fill(kept, _ROW_NAME))
+    return wrapped
 
 
 def _row_channels(names: Sequence[str], things: Sequence[Any], line: bool = False) -> Spec:

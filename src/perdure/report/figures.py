@@ -110,7 +110,7 @@ def _failures(chosen: Sequence[Estimate], title: str, shown: Sequence[Estimate],
         watched = times.astype(np.float64)
         label = _label(item, chosen)
         lines.append(Curve(label, x, y, look, lower, upper, intervals="last", watched=watched))
-    axis = Axis(f"share ({_episodes(chosen)})", percent=True)
+    axis = Axis(f"share without a failure ({_episodes(chosen)})", percent=True)
     chart = curve_chart(
         *(lines, Axis("steps since the reset", log=high > low, low=low, high=high), axis),
         markers=_horizons(chosen, low, high),

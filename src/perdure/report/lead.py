@@ -66,7 +66,10 @@ def one_line(verdicts: Sequence[Verdict]) -> str:
     if len(parts) > MOST_IN_HEADLINE:
         good = [mine for mine in parts.values() if all(verdict.good for verdict in mine)]
         clean = [mine for mine in good if all(verdict.clean for verdict in mine)]
-        with_caveats = f", {len(good) - len(clean)} of them with caveats" if len(clean) < len(good) else ""
+        with_caveats = ""
+        if len(clean) < len(good):
+            number = f"{len(good) - len(clean)} of them" if clean else "all"
+            with_caveats = f", {number} with caveats"
         return f"{len(good)} of {len(parts)} policies and clocks hold{with_caveats}"
     short = len({mine[0].group.policies for mine in parts.values()}) == len(parts)
     return "; ".join(_clause(mine[0].group.policies if short else name, mine) for name, mine in parts.items())
