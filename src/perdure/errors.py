@@ -5,6 +5,9 @@ from __future__ import annotations
 import difflib
 import itertools
 import mmap
+import sys
+import traceback
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
@@ -27,6 +30,15 @@ class PerdureWarning(UserWarning):
 
 class OtherSourceWarning(PerdureWarning):
     """Finished units were made by another version of perdure's source code and are reused."""
+
+
+def warn(text: str, category: type[PerdureWarning] = PerdureWarning) -> None:
+    """Warn at the line of the caller's code that called perdure, so that no line of perdure's is shown."""
+    outside = 2
+    for level, (frame, _) in enumerate(traceback.walk_stack(sys._getframe(1)), 2):
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] == "perdure":
+            outside = level + 1
+    warnings.warn(category(text), stacklevel=outside)
 
 
 def lookup(table: Mapping[str, _T], name: str, what: str) -> _T:

@@ -21,6 +21,8 @@ class Script:
 
     reward: Callable[[int], float] = lambda step: 1.0
     place: Callable[[int], float] = lambda step: 0.0
+    third: float = 0.0
+    """Added to the third component of every observation."""
     falls_at: float = np.inf
     cut_at: float = np.inf
 
@@ -40,7 +42,7 @@ class Scripted(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         self.steps += 1
-        seen = np.array([self.start, self.script.place(self.steps), 0.1 * float(action[0])])
+        seen = np.array([self.start, self.script.place(self.steps), self.script.third + 0.1 * float(action[0])])
         reward = self.script.reward(self.steps)
         return seen, reward, self.steps >= self.script.falls_at, self.steps >= self.script.cut_at, {}
 

@@ -54,7 +54,7 @@ NOT_BLOW_UPS = {
     "rewards that grow": Script(reward=lambda step: 1.5**step if step < 40 else 1.0),
     "a large first reward": Script(reward=lambda step: 1e6),
     "a walk back to the start": Script(place=lambda step: 0.5 * (step if step < 25 else 50 - step)),
-    "finite numbers whose sum is infinite": Script(reward=at(1, 1e308), place=lambda step: 1e308),
+    "finite numbers whose sum is infinite": Script(place=lambda step: 1e308, third=1e308),
     "a jump far away": Script(place=lambda step: 0.0 if step < 25 else 40.0),
 }
 

@@ -165,9 +165,13 @@ class GoalRecorder:
     def __init__(self, episodes: int) -> None:
         self.found = np.full((3, episodes), np.nan)
         self._stay = np.zeros(episodes)
+        self._said = False
 
     def take(self, episodes: NDArray[np.int64], successes: FloatArray | None, step: int) -> None:
         """Record a step of these episodes, see `Step.successes`. A step that does not say is no success."""
+        if successes is None and not self._said:  # most tasks never say: nothing changes, and this is every step
+            return
+        self._said = True
         first, longest, _ = self.found[:, episodes]
         said = np.full(len(episodes), np.nan) if successes is None else successes
         known = ~np.isnan(said) | ~np.isnan(first)

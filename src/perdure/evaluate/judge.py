@@ -6,7 +6,6 @@ beside the table, so that other rules can judge stored episodes without a simula
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs.suites import is_contract
-from perdure.errors import PerdureError, PerdureWarning
+from perdure.errors import PerdureError, warn
 from perdure.evaluate.episodes import window_steps
 from perdure.evaluate.reference import Idle
 from perdure.evaluate.verdict import ScoreScale, judge_episode, make_score_scale, published_rate
@@ -155,7 +154,7 @@ def read_judged(path: str | Path) -> tuple[tuple[Episodes, ...], dict[str, str]]
     if changed:
         total = sum(len(part.facts) for part in found)
         words = f"{changed} of {total} episodes have another outcome by this version's rules than in {path}"
-        warnings.warn(PerdureWarning(words), stacklevel=2)
+        warn(words)
     return judged, notes
 
 

@@ -6,7 +6,6 @@ Clocks and disturbances are read when an `Extrapolation` is made. From then on t
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -29,7 +28,7 @@ from perdure.disturbances import (
 from perdure.envs import TaskSpec, World
 from perdure.envs.disturbances import DisturbedWorld
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError, PerdureWarning
+from perdure.errors import PerdureError, warn
 from perdure.evaluate.episodes import CALM_STEPS, FIRST_EVAL_SEED, EpisodeSpec, whole
 from perdure.horizon import Clock, Constant, Countdown, Periodic, parse_clock
 from perdure.policy import PolicyLike
@@ -178,7 +177,7 @@ class Extrapolation:
         asked = self._asked(spec.step_seconds)
         if self.disturb is None and (spec.discrete_actions or spec.has_goal):
             why = f"{STANDARD}, because {spec.name} has " + ("discrete actions" if spec.discrete_actions else "a goal")
-            warnings.warn(f"not applied: {why}; name disturbances that it should meet", PerdureWarning, stacklevel=3)
+            warn(f"not applied: {why}; name disturbances that it should meet")
             return [replace(asked[0], not_applied=why)]
         for each in asked:
             check_onsets(each.disturbances, each.steps)
@@ -262,8 +261,7 @@ def _applied(condition: Condition, task: str, make: Make) -> Condition:
         able = tuple(each for each in condition.disturbances if _refusal(make, [each]) is None)
         rest = ", ".join(each.name for each in condition.disturbances if each not in able)
         if rest:
-            words = f"{condition.label} is applied without {rest}: {task} cannot do it"
-            warnings.warn(words, PerdureWarning, stacklevel=4)
+            warn(f"{condition.label} is applied without {rest}: {task} cannot do it")
         return replace(condition, disturbances=able, not_applied=rest)
     if condition.disturbances:
         error = _refusal(make, condition.disturbances)

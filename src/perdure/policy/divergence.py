@@ -65,7 +65,8 @@ class DivergenceDetector:
             largest = self._largest[episodes]
             # The sum is finite only if every term is: one pass instead of two. Large finite terms may overflow, too.
             bad: NDArray[np.bool_] = ~np.isfinite(rewards + after.sum(axis=1))
-            bad[bad] = ~(np.isfinite(rewards[bad]) & np.isfinite(after[bad]).all(axis=1))
+            if bad.any():
+                bad[bad] = ~(np.isfinite(rewards[bad]) & np.isfinite(after[bad]).all(axis=1))
             bad |= loop_step.step.diverged
             if self._hidden:
                 # The first reward has nothing to be compared with.

@@ -6,7 +6,6 @@ At its end, training records them in the policy file. For other policies, the fi
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, World, make_world
-from perdure.errors import PerdureError, PerdureWarning
+from perdure.errors import PerdureError, warn
 from perdure.horizon import Clock, Countdown, TimeFeature
 from perdure.policy.closed_loop import ClosedLoop, EpisodePolicy, LoopStep, PolicyLike
 from perdure.policy.divergence import DivergenceDetector
@@ -164,11 +163,8 @@ def resolve_training_horizon(spec: TaskSpec, given: int | None) -> int:
     if given is not None and not 1 <= given <= LONGEST_HORIZON:
         raise PerdureError(f"training_horizon must be from 1 to {LONGEST_HORIZON:,}, got {given}")
     if given is None and not spec.has_step_limit:
-        warnings.warn(
-            PerdureWarning(
-                f"{spec.name} has no step limit; its training horizon is taken to be {spec.default_horizon:,} steps. "
-                "Name yours with --training-horizon (training_horizon=)"
-            ),
-            stacklevel=4,
+        warn(
+            f"{spec.name} has no step limit; its training horizon is taken to be {spec.default_horizon:,} steps. "
+            "Name yours with --training-horizon (training_horizon=)"
         )
     return given or spec.default_horizon

@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import os
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError
+from perdure.errors import OtherSourceWarning, PerdureError, UnitBusyError, warn
 from perdure.runs.files import acquire, held, release, sync
 from perdure.runs.identity import RECORD, Identity, check_key, source_digest
 from perdure.schema import LARGEST, Record, read_json
@@ -193,11 +192,10 @@ class Store:
             folders += [place for place in places if (place / RECORD).is_file()]
         others = [folder for folder in folders if set(Identity.read(folder).sources) - {source_digest()}]
         if others:
-            warnings.warn(
+            warn(
                 f"{len(others)} of {len(folders)} results were made by another version of perdure's source code and "
                 f"are reused, such as {others[0]}. Remove a result's folder to compute it again.",
                 OtherSourceWarning,
-                stacklevel=2,
             )
 
     def keys(self, prefix: str = "") -> tuple[str, ...]:

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import io
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, task_of_environment, task_spec
-from perdure.errors import PerdureError, PerdureWarning
+from perdure.errors import PerdureError, warn
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy.policy import LARGEST_OBSERVATION, Normalizer, Policy, TaskInfo
 from perdure.policy.readers.restricted_pickle import TorchState
@@ -166,7 +165,7 @@ def _activation(path: Path) -> str:
         if len(found) == 1:
             return str(found.pop())
     text = f"{path} does not name its activation function, nor does {written}; elu is assumed, rsl_rl's default"
-    warnings.warn(PerdureWarning(text), stacklevel=3)
+    warn(text)
     return "elu"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from perdure.envs import TaskSpec, task_of_environment, task_spec
 from perdure.envs.suites import task_source_digest
-from perdure.errors import PerdureError, PerdureWarning
+from perdure.errors import PerdureError, warn
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.files import load_policy, save_policy
 from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
@@ -104,11 +103,9 @@ def import_sb3(
         steps = steps or horizon
         limit = training_horizon or spec.default_horizon
         if steps != limit and (training_horizon is not None or spec.has_step_limit):
-            warnings.warn(
+            warn(
                 f"the time feature counts down from {steps} steps, but episodes of {spec.name} end after {limit}; "
-                "TimeFeatureWrapper takes the environment's own limit if there is one",
-                PerdureWarning,
-                stacklevel=2,
+                "TimeFeatureWrapper takes the environment's own limit if there is one"
             )
     policy = _policy(model, spec, statistics, steps, horizon, str(path))
     policy = replace(policy, provenance=_provenance(model, path, written, env, time_feature))
@@ -273,7 +270,7 @@ def _warn_of_normalizer(
     elif steps and count and not 2 / 3 < count / steps < 1.5:  # it counts the steps, and one reset of each environment
         text = f"{what} was trained for {steps:,} steps, {file} for {count:,.0f}: were they saved together?"
     if text:
-        warnings.warn(PerdureWarning(text), stacklevel=3)
+        warn(text)
 
 
 def _time_feature_steps(written: str | None) -> int | None:
