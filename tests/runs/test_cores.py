@@ -1,8 +1,12 @@
 """Which cores are free, and that two commands do not choose the same ones."""
 
 import os
+from contextlib import nullcontext
 
-from perdure.runs.workers import idle_cores, own_cores
+import pytest
+
+from perdure.runs import Store, Unit
+from perdure.runs.workers import answer_on_node, idle_cores, own_cores
 
 
 class TestIdleCores:
@@ -59,3 +63,15 @@ class TestIdleCores:
 
     def test_on_this_machine_they_are_cores_of_ours(self):
         assert set(idle_cores()) <= os.sched_getaffinity(0)
+
+
+def test_a_task_on_a_cluster_is_bound_to_an_idle_core_and_released(tmp_path, monkeypatch):
+    every = os.sched_getaffinity(0)
+    if len(every) < 2:
+        pytest.skip("one core: bound or not is the same")
+    monkeypatch.setattr("perdure.runs.workers.own_cores", lambda count: nullcontext([max(every)]))
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    unit = Unit("u", {}, "tests.runs.scripted_units:where")
+    assert answer_on_node(str(tmp_path), unit, 1) == {"result": "finished"}
+    assert (Store(tmp_path).get("u") / "where").read_text().startswith(f"[{max(every)}] ")
+    assert os.sched_getaffinity(0) == every

@@ -281,6 +281,18 @@ def answer(root: str, unit: Unit, threads: int) -> dict[str, str]:
         return {"error": one_line(error)}
 
 
+def answer_on_node(root: str, unit: Unit, threads: int) -> dict[str, str]:
+    """Do the same as `answer` in a task of Ray, bound to idle cores of its node as a worker of this machine is."""
+    before = os.sched_getaffinity(0)
+    with own_cores(threads) as cores:
+        if len(cores) == threads:
+            os.sched_setaffinity(0, cores)
+        try:
+            return answer(root, unit, threads)
+        finally:
+            os.sched_setaffinity(0, before)
+
+
 def one_line(error: BaseException) -> str:
     """Return an error as one line: the message alone for errors that perdure words, with its type for others."""
     text = printable(" ".join(str(error).split()))
@@ -323,13 +335,16 @@ class RayWorkers:
     def __enter__(self) -> Self:
         if not self._ray.is_initialized():
             environment = {"env_vars": {**ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}}
+            handler = signal.getsignal(signal.SIGTERM)
             self._ray.init(address=self._address, runtime_env=environment, log_to_driver=False, configure_logging=False)
             self._mine = True
+            with suppress(ValueError, TypeError):  # Ray's own handler prints a C++ trace; not settable in other threads
+                signal.signal(signal.SIGTERM, handler)
         # What the largest node has: a task that asks for more would never start.
         nodes = [int(node["Resources"].get("CPU", 0)) for node in self._ray.nodes() if node["Alive"]]
         self._cores = max(1, min(self._cores, max(nodes, default=1)))
         # Retries are for nodes that die, but Ray also counts a unit that ends its process. An error is an answer.
-        self._task = self._ray.remote(num_cpus=self._cores, max_retries=3)(answer)
+        self._task = self._ray.remote(num_cpus=self._cores, max_retries=3)(answer_on_node)
         return self
 
     def start(self, root: Path, unit: Unit) -> None:
