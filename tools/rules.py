@@ -62,6 +62,7 @@ PAGES = {
     "docs/how-to/reproduce-the-horizon-study.md": 400,
     "docs/how-to/robot-to-verdict.md": 480,
     "docs/how-to/when-a-policy-fails.md": 650,
+    "CHANGELOG.md": 400,
     "docs/index.md": 600,
     "docs/reference/glossary.md": 650,
     "docs/reference/json.md": 400,
