@@ -1,5 +1,6 @@
 """Presets: whose hyperparameters a method begins with."""
 
+import gc
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -54,6 +55,14 @@ def test_the_horizons_of_the_methods_scale_with_the_step_limit_of_the_environmen
         assert method_config("ppo", "Mine-v0", 3, limit=limit).protocol.horizon == Fixed(high)
 
 
+@pytest.fixture
+def forget():
+    """Leave no algorithm of a test to the next one."""
+    yield
+    gc.collect()
+
+
+@pytest.mark.usefixtures("forget")
 @pytest.mark.parametrize(
     ("presets", "usual", "folder"), [((), None, "other"), (("slow", "fast"), "slow", "other@slow")]
 )
