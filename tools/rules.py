@@ -57,6 +57,7 @@ PAGES = {
     "docs/how-to/any-policy.md": 1_100,
     "docs/how-to/disturb-a-policy.md": 800,
     "docs/how-to/export-onnx.md": 350,
+    "docs/explanation/verdict-changes.md": 350,
     "docs/how-to/long-runs.md": 550,
     "docs/how-to/read-the-table.md": 320,
     "docs/how-to/reproduce-the-horizon-study.md": 400,

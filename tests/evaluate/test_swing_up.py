@@ -26,6 +26,6 @@ def test_a_pendulum_that_loses_its_balance_again_and_again_is_not_clean(noise, w
     )
     ((estimate,),) = estimate_table(result.frame).values()
     assert (estimate.verdict.word, list(estimate.verdict.caveats)) == (word, caveats)
-    # A way of 40 steps or more of 200 is left out, and would else hide what upright is worth.
+    # Swinging up takes at least 40 of the 200 steps. Left in, they would hide what being upright is worth.
     assert result.frame["settling"][0] >= 40
     assert result.frame["way_rate"][0] < -2.0 < result.frame["training_rate"][0]

@@ -25,7 +25,7 @@ from perdure.policy.reference import BIN_STEPS, Reference
 SETTLING = 0.1
 """Least share of the training horizon left out of the reference: the start from rest, and rewards paid only there."""
 TOLERANCE = 0.05
-"""More is left out where the rate would else differ from the settled one by more than this share of the largest
+"""More is left out where the rate would otherwise differ from the settled one by more than this share of the largest
 difference on the way."""
 FEWEST_BINS = 4
 """Bins that the rule needs."""

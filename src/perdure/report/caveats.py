@@ -71,7 +71,7 @@ class Caveat(Registered):
     order: ClassVar[int] = 0
     """Place in lists."""
     meaning: ClassVar[str] = ""
-    """When it applies, in one sentence without a capital at the begin and a period at the end."""
+    """When it applies, in one sentence that begins in lower case and has no period."""
 
     def reason(self, held: Held) -> str:
         """Return the evidence, such as "turns 45 degrees a minute"; "" if the caveat does not apply."""

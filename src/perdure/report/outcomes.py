@@ -52,7 +52,7 @@ class Outcome(Registered):
     order: ClassVar[int] = 0
     """Place among the good, the bad or the undecided ones: in lists, and the first of equally common ones is taken."""
     meaning: ClassVar[str] = ""
-    """In one sentence, without a capital at the begin and a period at the end."""
+    """In one sentence, that begins in lower case and has no period."""
     color: ClassVar[Color | None] = None
     """On a page; None: that of all good, bad or undecided ones."""
 
