@@ -1,5 +1,6 @@
 """`robot init`: what a draft takes from a model, from metadata and a deploy.yaml, and what it leaves to fill in."""
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -57,6 +58,22 @@ def policy_with(folder, notes):
     folder.mkdir(exist_ok=True)
     onnx.save(model, folder / "policy.onnx")
     return folder / "policy.onnx"
+
+
+def test_gains_of_a_geared_servo_are_those_that_the_simulator_applies(robot):
+    servo = '<position joint="{}" gear="4" kp="30" kv="2"/>'
+    path = robot("<actuator>" + servo.format("hip") + servo.format("knee") + "</actuator>")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.joint("hip").qpos = 0.1
+    mujoco.mj_forward(model, data)
+    torque = data.joint("hip").qfrc_actuator[0]
+    data.joint("hip").qvel = 1.0
+    mujoco.mj_forward(model, data)
+    damped = data.joint("hip").qfrc_actuator[0]
+    found = yaml.safe_load(draft(path, None, path.parent))
+    assert found["stiffness"][0] == pytest.approx(-torque / 0.1)
+    assert found["damping"][0] == pytest.approx(torque - damped)
 
 
 def test_a_model_gives_joints_pose_gains_and_steps_and_the_rest_is_marked(robot, tmp_path):

@@ -25,6 +25,8 @@ MARK = "FILL IN"
 """Marks what the author of the policy must add."""
 CONTROL_SECONDS = 0.02
 """Control step of most walking policies, assumed where no file names one."""
+YAML_VALUES = ("true", "false", "yes", "no", "on", "off", "null")
+"""Words that YAML does not read as text."""
 WIDTH = 100
 """Columns of a line of numbers."""
 EXAMPLES = {
@@ -120,15 +122,7 @@ def _flow(value: Any) -> str:
 
 def _quoted(text: str) -> str:
     """Return a name as YAML; quoted where it could be read as something else."""
-    if re.fullmatch(r"[A-Za-z_][\w./-]*", text) and text.lower() not in (
-        "true",
-        "false",
-        "yes",
-        "no",
-        "on",
-        "off",
-        "null",
-    ):
+    if re.fullmatch(r"[A-Za-z_][\w./-]*", text) and text.lower() not in YAML_VALUES:
         return text
     return "'" + text.replace("'", "''") + "'"
 
@@ -218,8 +212,9 @@ def _of_actuators(model: Any, mujoco: Any) -> dict[str, Any]:
         joint = model.joint(model.actuator_trnid[k, 0]).name
         gear = abs(float(model.actuator_gear[k, 0]))
         if model.actuator_biastype[k] == int(mujoco.mjtBias.mjBIAS_AFFINE):
-            stiffness[joint] = float(model.actuator_gainprm[k, 0]) * gear
-            damping[joint] = -float(model.actuator_biasprm[k, 2]) * gear
+            # A gear scales the actuator's length, and again the torque that its force makes.
+            stiffness[joint] = float(model.actuator_gainprm[k, 0]) * gear**2
+            damping[joint] = -float(model.actuator_biasprm[k, 2]) * gear**2
         if model.actuator_forcelimited[k]:
             limits[joint] = float(model.actuator_forcerange[k, 1]) * gear
         elif model.actuator_biastype[k] == int(mujoco.mjtBias.mjBIAS_NONE) and model.actuator_ctrllimited[k]:
