@@ -15,11 +15,10 @@ from __future__ import annotations
 import copy
 import math
 import os
-import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +45,6 @@ FALLBACK_RANGE = math.pi  # half the range of a joint without limits [rad]
 TRUNK = 1  # kinds of geoms
 FLOOR = 2
 MINUTE = 60.0
-TEXTS = (".xml", ".mjcf", ".urdf")
-"""Endings of model files that name others."""
-ASSET_FOLDER = re.compile(rb"""(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
-FILE_NAME = re.compile(rb"""\bfile(?:name)?\s*=\s*["']([^"']+)["']""")
 JOINT_FIELDS = {"armature": "armature", "joint_damping": "damping", "friction_loss": "frictionloss"}
 
 
@@ -61,34 +56,33 @@ def compiled(contract: Contract, visual: bool) -> Any:
     Raises:
         PerdureError: If MuJoCo cannot read it, or it does not fit the contract.
     """
-    return _compiled(contract, visual, _content(Path(contract.model)))
+    content = _content(contract.model)
+    if not content:
+        return _compiled.__wrapped__(contract, visual, content)
+    return _compiled(contract, visual, content)
 
 
-def _content(model: Path) -> str:
-    """Return a digest of a model's files: the text of the XML, size and time of meshes and pictures it names."""
-    digest = sha256()
-    waiting = [model]
-    seen = set[Path]()
-    while waiting:
-        file = waiting.pop()
-        if file in seen or not file.is_file():
-            continue
-        seen.add(file)
-        if file.suffix.lower() not in TEXTS:
-            found = file.stat()
-            digest.update(f"{file} {found.st_size} {found.st_mtime_ns}".encode())
-            continue
-        text = file.read_bytes()
-        digest.update(text)
-        # A named file lies beside the model, beside the file that names it, or in a folder that the compiler is told.
-        folders = {model.parent, file.parent}
-        folders |= {model.parent / os.fsdecode(each) for each in ASSET_FOLDER.findall(text)}
-        waiting += [folder / os.fsdecode(name) for name in FILE_NAME.findall(text) for folder in sorted(folders)]
-    return digest.hexdigest()
+def _content(model: str) -> tuple[bytes, ...]:
+    """Return the SHA-256 of an MJCF file and of each file that it names; () where they cannot be read."""
+    try:
+        digests = []
+        for file in sorted(mujoco.mju_getXMLDependencies(model)):
+            state = os.stat(file)
+            digests.append(_file_content(file, state.st_ino, state.st_size, state.st_ctime_ns))
+        return tuple(digests)
+    except (mujoco.FatalError, OSError):  # compiling the model says what is wrong
+        return ()
+
+
+@lru_cache(1000)
+def _file_content(file: str, inode: int, size: int, changed: int) -> bytes:
+    """Return the SHA-256 of a file. Each environment asks for it, so it is read again only after a change."""
+    with open(file, "rb") as opened:
+        return file_digest(opened, "sha256").digest()
 
 
 @lru_cache(4)
-def _compiled(contract: Contract, visual: bool, content: str) -> Any:
+def _compiled(contract: Contract, visual: bool, content: tuple[bytes, ...]) -> Any:
     """Return the model; `content` is only part of the key of the cache."""
     try:
         spec = mujoco.MjSpec.from_file(contract.model)
