@@ -91,10 +91,10 @@ def _last_lines(result: CureResult) -> str:
     """Return the time, where the cured policy is, how to export it, and the page."""
     took = wording.duration(result.seconds / 3600.0)
     training = wording.duration(result.training_seconds / 3600.0)
-    lines = [f"  time    {took}, of which {training} of training"]
+    lines = [f"  time     {took}, of which {training} of training"]
     if result.policy is not None:
         export = shlex.join(["perdure", "export", str(result.policy), "cured.onnx"])
-        lines += [f"  policy  {result.policy}", f"  export  {export}"]
+        lines += [f"  policy   {result.policy}", f"  export   {export}"]
     if result.page is not None:
         lines.append(f"\nReport: {result.page.resolve()}")
     return "\n".join(lines)
