@@ -65,7 +65,6 @@ class Recipe:
             name,
             self.config(policy, task),
             seeds,
-            preset=recipe_preset(task),
             base_method=base_method(policy, task),
             disturb=self.disturb,
             start=start,
