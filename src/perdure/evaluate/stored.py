@@ -20,7 +20,7 @@ from perdure.envs import OpenEnv, World
 from perdure.envs.disturbances import disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.errors import PerdureError
-from perdure.evaluate.early import parts, why_stopped
+from perdure.evaluate.early import find_stop, parts
 from perdure.evaluate.episodes import FIRST_EVAL_SEED, EpisodeSpec, evaluate_episodes, split
 from perdure.evaluate.judge import Baseline, Baselines, PolicyKey, judge_table, make_scales, other_engine
 from perdure.evaluate.options import Condition, Extrapolation
@@ -34,7 +34,7 @@ from perdure.evaluate.table import (
     with_not_applied,
 )
 from perdure.policy import Policy, PolicyLike, check_fit
-from perdure.report.schema import RAW_VERSION
+from perdure.report.schema import RAW_VERSION, EarlyStop
 from perdure.runs import (
     Observer,
     Store,
@@ -178,17 +178,17 @@ def evaluate(
         return replace(result, path=path)
 
 
-def _judged_table(evaluator: Evaluator, stop_early: bool) -> tuple[pl.DataFrame, Baselines, str]:
-    """Return the judged table, the baselines of its policies, and why it lacks episodes; "" if it has all."""
+def _judged_table(evaluator: Evaluator, stop_early: bool) -> tuple[pl.DataFrame, Baselines, EarlyStop | None]:
+    """Return the judged table, the baselines of its policies, and why it lacks episodes; None if it has all."""
     conditions = evaluator.conditions
     if stop_early:
         for part in parts(conditions):
             frame, baselines = evaluator.judged(part)
-            stopped = why_stopped(frame, part, conditions, len(evaluator.episodes(conditions)))
-            if stopped:
+            stopped = find_stop(frame, part, conditions, len(evaluator.episodes(conditions)))
+            if stopped is not None:
                 return frame, baselines, stopped
     frame, baselines = evaluator.judged(conditions)
-    return frame, baselines, ""
+    return frame, baselines, None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
 from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec
@@ -20,7 +21,7 @@ from perdure.evaluate.options import Condition
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
 from perdure.report.outcomes import outcome_words
-from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS
+from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS, STOPPED_NOTE, EarlyStop
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -49,13 +50,14 @@ class ExtrapolationResult:
     """What the rewards of each policy are compared with: stored beside the table, which can then be judged again."""
     success: str = ""
     """The `success` of the evaluation; "": the environment's own entry."""
-    stopped: str = ""
-    """Why the evaluation ended before all of its episodes; "" if it did not."""
+    stopped: EarlyStop | None = None
+    """How the evaluation ended before all of its episodes; None if it did not."""
 
     def __str__(self) -> str:
         from perdure.report import summary_text
 
-        return summary_text(self.frame)
+        text = summary_text(self.frame)
+        return text if self.stopped is None else f"{text}\n\nThe evaluation {self.stopped}."
 
     def write(self, out: str | Path, command: str = "") -> Path:
         """Write the table and its report into a folder; return the page.
@@ -74,8 +76,8 @@ class ExtrapolationResult:
         from perdure.report import write_table
 
         notes = {"command": command, "success": self.success, **made_with(), **self.files}
-        if self.stopped:
-            notes["stopped"] = self.stopped
+        if self.stopped is not None:
+            notes[STOPPED_NOTE] = msgspec.json.encode(self.stopped).decode()
         if self.baselines:
             notes |= write_baselines(Path(out), self.baselines)
         return write_table(Path(out) / TABLE_FILE, self.frame, notes), notes
