@@ -38,10 +38,10 @@ def test_some_start_states_of_the_cheapest_condition_come_first():
 def test_it_stops_when_four_of_36_episodes_have_failed():
     result = evaluate(1.0, stop_early=True)
     full = evaluate(1.0)
-    ran = result.final().height
+    ran = result.final.height
     assert ran in (8, 16)
-    assert (result.final()["outcome"] == "falls").sum() >= 4
-    assert (result.final()["outcome"].head(ran // 2) == "falls").sum() < 4 or ran == 8
+    assert (result.final["outcome"] == "falls").sum() >= 4
+    assert (result.final["outcome"].head(ran // 2) == "falls").sum() < 4 or ran == 8
     assert (result.stopped.episodes, result.stopped.planned) == (ran, 36)
     assert f"{ran} of 36 episodes" in str(result)
     assert not result.holds

@@ -31,14 +31,14 @@ def test_the_table_has_the_measures(result):
     assert frame.columns == [*COLUMNS, *MEASURES]
     assert frame.equals(result.frame.select(frame.columns))
     for name in MEASURES:
-        values = result.final()[name].to_numpy()
+        values = result.final[name].to_numpy()
         assert np.isfinite(values).all()
         assert len(set(values)) == 2  # of two start states
     assert frame["step_seconds"].unique().to_list() == [pytest.approx(0.05)]
 
 
 def test_the_verdict_and_the_summary_speak_of_the_walk(result, tmp_path):
-    medians = {name: float(np.median(result.final()[name])) for name in MEASURES}
+    medians = {name: float(np.median(result.final[name])) for name in MEASURES}
     text = str(result)
     assert medians["heading_error"] > 10.0
     shown = {name: wording.quantity(value) for name, value in medians.items()}

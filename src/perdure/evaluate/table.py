@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,14 +99,16 @@ class ExtrapolationResult:
 
         return not not_clean(estimate_table(self.frame))
 
+    @cached_property
     def final(self) -> pl.DataFrame:
-        """Return one row for each episode: its values at the last recorded step."""
+        """One row for each episode: its values at the last recorded step."""
         import polars as pl
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
+    @cached_property
     def summary(self) -> pl.DataFrame:
-        """Return one row for each policy, clock and disturbance: episodes, returns, shares of outcomes, failures.
+        """One row for each policy, clock and disturbance: episodes, returns, shares of outcomes, failures.
 
         The median is that of the Kaplan-Meier curve; null where less than half of the episodes failed. `policy_state`
         names every state of the policies in the row, such as "never worked, worked".
@@ -116,7 +119,7 @@ class ExtrapolationResult:
 
         shown = outcome_words(in_table=True, shown_as="")
         keys = ["task", "policy", "clock", "disturbance"]
-        episodes = self.final().with_columns(verdict=episode_verdicts())
+        episodes = self.final.with_columns(verdict=episode_verdicts())
         medians = [
             half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
             for part in episodes.partition_by(keys, maintain_order=True)

@@ -270,7 +270,7 @@ __doc__ = "\n".join(
 )
 
 
-class EarlyStop(Record):
+class EarlyStop(Record, frozen=True):
     """An evaluation that ended before all of its episodes, because the others could not change the verdict."""
 
     episodes: Count
