@@ -44,7 +44,7 @@ def test_the_verdict_and_the_summary_speak_of_the_walk(result, tmp_path):
     shown = {name: wording.quantity(value) for name, value in medians.items()}
     assert f"turns {shown['heading_error']} degrees a minute from its commanded heading" in text
     assert f"drifts {shown['lateral_drift']} m a minute" in text
-    (group,) = json.loads(summary_json(estimate_table(result.frame), tmp_path, tmp_path))["groups"]
+    (group,) = json.loads(summary_json(estimate_table(result.frame), tmp_path, tmp_path, {}))["groups"]
     assert group["measures"] == pytest.approx(medians)
 
 
