@@ -392,6 +392,7 @@ def curve_chart(
     point = {"x": across, "y": up, "color": color}
     level_bands = [row for row in flat if row["lower"] is not None]
     words = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE, "dx": bars_end + 13}
+    words["dy"] = {"expr": f"{-_LINE / 2} * (length(datum.text) - 1)"}  # Vega places the first line, not the middle
     text = named("text")
     layers = [
         *_marker_layers(markers, across, x, xs),
