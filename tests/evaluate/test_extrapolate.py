@@ -29,7 +29,7 @@ from perdure.evaluate.episodes import split
 from perdure.evaluate.judge import read_judged
 from perdure.evaluate.reference import read_idle
 from perdure.evaluate.run import read_file
-from perdure.evaluate.stored import Source, Worlds, evaluate_group
+from perdure.evaluate.units import Source, Worlds, evaluate_group
 from perdure.horizon import Constant, Countdown, Periodic
 from perdure.policy import TaskInfo, find_policy, save_policy
 from perdure.report import read_table
@@ -434,7 +434,7 @@ def test_other_raw_columns_are_simulated_again(policies, tmp_path, monkeypatch):
     small = calm(policies[:1], steps=5, eval_seeds=1)
     evaluate_files(small, Execution(tmp_path, on="here"))
     before = set(Store(tmp_path).keys("groups"))
-    monkeypatch.setattr("perdure.evaluate.stored.RAW_VERSION", "another")
+    monkeypatch.setattr("perdure.evaluate.units.RAW_VERSION", "another")
     evaluate_files(small, Execution(tmp_path, on="here"))
     assert len(before) == 1
     assert len(set(Store(tmp_path).keys("groups")) - before) == 1
