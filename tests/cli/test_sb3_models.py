@@ -172,13 +172,6 @@ def imported(path):
     return Policy.from_sb3(path, "gymnasium:Pendulum-v1", normalizer="none", measure=False)
 
 
-def test_the_statistics_of_one_model_are_not_for_another(command, tmp_path):
-    models = (FIXTURES / "ppo.zip", FIXTURES / "trpo.zip")
-    refused = command("extrapolate", *models, *FLAGS, *SHORT, cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "--normalizer" in refused.stderr.splitlines()[-1]
-
-
 MISTAKES = {
     "no environment": ("--env Hopper-v5", (MODEL,)),
     "unknown environment": ("did you mean", (MODEL, "--env", "Pendulom-v1")),

@@ -57,7 +57,7 @@ def _sides(
 
     models = [each for side in found for each in side if not isinstance(each, Path)]
     if len(models) > 1:
-        _refuse_shared(sb3["normalizer"])
+        _refuse_shared(sb3["normalizer"], len(models))
     options = dict(sb3)
     if not any(map(is_onnx, names)):  # which take these two flags themselves
         options |= {"env": env, "training_horizon": horizon}
@@ -102,13 +102,13 @@ def _found(name: str) -> Sequence[Path | FoundModel]:
     return [find_policy(name)]
 
 
-def _refuse_shared(normalizer: str | None) -> None:
+def _refuse_shared(normalizer: str | None, count: int) -> None:
     """Refuse the file of a normalizer for several models; "none" is true of all of them."""
     from perdure.policy.readers.sb3_import import NO_NORMALIZER
 
     if normalizer not in (None, NO_NORMALIZER):
         raise PerdureError(
-            f"--normalizer {normalizer}: it belongs to one model, and several are given: evaluate one at a time, or "
+            f"--normalizer {normalizer}: it belongs to one model, and {count} are given: evaluate one at a time, or "
             "import each first (perdure import)"
         )
 
