@@ -61,6 +61,17 @@ def test_a_name_of_several_lines_stays_beside_the_area_between_the_axes(end):
     assert 0 < float(first) < float(first) + sum(below) <= charts.HEIGHT
 
 
+@pytest.mark.parametrize(("width", "left_out"), [(900, 0), (150, 1)])
+def test_numbers_at_risk_do_not_touch_each_other(width, left_out):
+    steps = np.array([1.0, 10.0, 100.0, 300.0])
+    watched = Curve("a", steps, steps, charts.style(0), watched=np.full(77, 300.0))
+    chart = curve_chart([watched], Axis("steps", log=True, low=1.0, high=300.0), Axis("reward"), width=width)
+    svg = render(Figure("f", "t", chart), "svg").decode()
+    numbers = re.findall(r"<text[^>]*>77</text>", svg)
+    assert len(numbers) == 4
+    assert sum('opacity="0"' in each for each in numbers) == left_out
+
+
 def test_an_unknown_format_is_refused(figure):
     with pytest.raises(PerdureError, match="'gif'; formats are png, svg, pdf"):
         render(figure, "gif")
