@@ -136,13 +136,12 @@ def _say_what_is_kept(run: TrainRun, out: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        every = run.config.segment_iterations * run.config.iteration_steps
         words = []
         for seed, count in kept_steps(run, out).items():
             if count:
                 words.append(f"seed {seed} up to step {count:,}")
             else:
-                words.append(f"nothing of seed {seed} (its first checkpoint comes after {every:,} steps)")
+                words.append(f"nothing of seed {seed}, which has no checkpoint yet")
         interrupt.add_note(f"kept: {', '.join(words) or 'everything'}; run the same command to continue")
         raise
 
