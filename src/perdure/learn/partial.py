@@ -23,7 +23,7 @@ from perdure.learn.checkpoint import RunState, checkpoint_place, load_checkpoint
 
 SECONDS = 2.0
 """Least time between two checkpoints of a segment; the first one follows its first iteration."""
-LARGEST_SHARE = 0.005
+LARGEST_SHARE = 0.01
 """Of the time of training that writing them may take: large ones are written less often."""
 
 
