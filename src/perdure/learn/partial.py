@@ -24,11 +24,11 @@ from perdure.learn.checkpoint import RunState, checkpoint_place, load_checkpoint
 SECONDS = 2.0
 """Least time between two checkpoints of a segment; the first one follows its first iteration."""
 LARGEST_SHARE = 0.01
-"""Of the time of training that writing them may take: large ones are written less often."""
+"""Of training time that writing may take: large files are written less often."""
 
 
 class ReplayError(PerdureError):
-    """The recorded actions did not lead to the recorded observations."""
+    """The recorded actions do not lead to the recorded observations."""
 
 
 @dataclass(frozen=True)
@@ -80,71 +80,58 @@ class Recorder:
         if self._path is None:
             return begun
         segment, reached = checkpoint_place(self._path)
-        if segment != state.segment or reached <= iteration:  # there is none, or a run was killed before it removed it
+        if segment != state.segment or reached <= iteration:  # there is none, or it should have been removed
             return begun
         found = load_checkpoint(self._path, begun)
         try:
-            self._replay(found, found.iteration - iteration)
-        except ReplayError:
+            self._replay(found, reached - iteration)
+        except PerdureError as error:
             self._path.unlink()
-            raise
+            raise ReplayError(f"{self._world.spec.name} does not repeat its steps ({error})") from error
         self._sent = [found.sent]
         self._stds = [found.observation_std]
         return found
 
-    def record(self, sent: Sent | None) -> None:
-        """Record an iteration. None: the algorithm does not tell, so the segment has no partial checkpoint."""
-        if sent is None:
-            self._path = None
-        if sent is None or self._path is None:
+    def keep(self, state: RunState, running: Any, iteration: int, sent: Sent | None) -> None:
+        """Record an iteration, and write where the run stands after it if it is time to.
+
+        Args:
+            state: After the iteration.
+            running: After the iteration.
+            iteration: Iterations so far.
+            sent: In this iteration; None: the algorithm does not tell, so nothing is kept.
+        """
+        if self._path is None or sent is None:
             return
         self._sent.append(sent)
         if isinstance(self._world, DisturbedWorld):
             self._stds.append(self._world.observation_std[:1].copy())  # the same in all lanes
-
-    def is_due(self) -> bool:
-        """Return whether it is time to write."""
-        return self._path is not None and time.monotonic() >= self._due
-
-    def write(self, state: RunState, running: Any, iteration: int) -> None:
-        """Write the state after so many iterations, the last of which has been recorded."""
-        assert self._path is not None
         began = time.monotonic()
-        save_checkpoint(self._state(state, running, iteration), self._path)
-        now = time.monotonic()
-        self._due = now + max(SECONDS, (now - began) / LARGEST_SHARE)
+        if began >= self._due:
+            save_checkpoint(self._state(state, running, iteration), self._path)
+            now = time.monotonic()
+            self._due = now + max(SECONDS, (now - began) / LARGEST_SHARE)
 
     def _state(self, state: RunState, running: Any, iteration: int) -> PartialState:
         actions, done, _ = zip(*self._sent, strict=True)
         sent = Sent(np.concatenate(actions), np.concatenate(done), self._sent[-1].observations)
         return PartialState(
-            state.seed,
-            state.segment,
-            state.learner,
-            state.episodes,
-            state.iterations,
-            iteration=iteration,
-            running=running,
-            sent=sent,
-            observation_std=np.concatenate(self._stds),
+            **vars(state), iteration=iteration, running=running, sent=sent, observation_std=np.concatenate(self._stds)
         )
 
     def _replay(self, found: PartialState, iterations: int) -> None:
         """Send the environments what they were sent in so many iterations of equal length."""
         world = self._world
         observations = np.empty(0)
-        try:
-            steps = zip(np.split(found.sent.actions, iterations), np.split(found.sent.done, iterations), strict=True)
-            for number, (all_actions, all_done) in enumerate(steps):
-                if isinstance(world, DisturbedWorld):
-                    world.observation_std[:] = found.observation_std[number]
-                for actions, done in zip(all_actions, all_done, strict=True):
-                    cut = np.clip(actions.astype(np.float64), world.spec.action_low, world.spec.action_high)
-                    observations = world.step(cut).observations
-                    ended = np.flatnonzero(done)
-                    if len(ended):
-                        observations[ended] = world.reset(ended)
-        except PerdureError as error:
-            raise ReplayError(f"{world.spec.name}: {error}") from error
+        actions, done = (np.split(each, iterations) for each in found.sent[:2])
+        for number in range(iterations):
+            if isinstance(world, DisturbedWorld):
+                world.observation_std[:] = found.observation_std[number]
+            for chosen, ended in zip(actions[number], done[number], strict=True):
+                cut = np.clip(chosen.astype(np.float64), world.spec.action_low, world.spec.action_high)
+                observations = world.step(cut).observations
+                lanes = np.flatnonzero(ended)
+                if len(lanes):
+                    observations[lanes] = world.reset(lanes)
         if not np.array_equal(observations, found.sent.observations, equal_nan=True):
-            raise ReplayError(f"{world.spec.name}: the same seeds and actions lead to other observations")
+            raise PerdureError("the same seeds and actions lead to other observations")

@@ -396,38 +396,35 @@ class Segments:
         last = min(first + config.segment_iterations, config.iterations)
         # Of the environments: 31-bit numbers that share no simple pattern.
         seeds = [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(config.n_envs, np.uint32) >> 1]
-        learner = state.learner
         world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         try:
             # New environments, disturbed if they are to be.
             if self._disturbances:
-                spread = np.tile(self.algorithm.observation_std(learner), (len(seeds), 1))
+                spread = np.tile(self.algorithm.observation_std(state.learner), (len(seeds), 1))
                 world = DisturbedWorld(world, self._disturbances, seeds, spread)
             observations = world.reset()
             self._slot.fill(world)
-            learner, running = self.algorithm.start(learner, self._slot, observations, seed=seed, segment=segment)
-            # Where a partial checkpoint left off.
+            learner, running = self.algorithm.start(state.learner, self._slot, observations, seed=seed, segment=segment)
+            # Where a partial checkpoint left off, if there is one.
             recorder = Recorder(partial, world)
-            now = recorder.resume(dataclasses.replace(state, learner=learner), running, first)
-            learner = now.learner
-            running = now.running
-            episodes = [now.episodes]
-            iterations = [now.iterations]
+            begun = recorder.resume(dataclasses.replace(state, learner=learner), running, first)
+            state = begun
+            running = begun.running
             # Learn. Observation noise scales with the spread of the observations so far.
-            for iteration in range(now.iteration, last):
+            for iteration in range(begun.iteration, last):
                 if isinstance(world, DisturbedWorld):
-                    world.observation_std[:] = self.algorithm.observation_std(learner)
-                learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
+                    world.observation_std[:] = self.algorithm.observation_std(state.learner)
+                learner, running, metrics = self.algorithm.iterate(
+                    state.learner, running, seed=seed, iteration=iteration
+                )
                 if self._slot.error is not None:
                     raise self._slot.error
                 step = (iteration + 1) * config.iteration_steps
-                episodes.append(metrics.episodes)
-                iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
+                row = np.array([[step, *metrics.diagnostics.values()]])
+                episodes = np.concatenate([state.episodes, metrics.episodes])
+                state = RunState(seed, segment, learner, episodes, np.concatenate([state.iterations, row]))
                 # Keep, then tell.
-                recorder.record(metrics.sent)
-                if iteration + 1 < last and recorder.is_due():
-                    reached = RunState(seed, segment, learner, np.concatenate(episodes), np.concatenate(iterations))
-                    recorder.write(reached, running, iteration + 1)
+                recorder.keep(state, running, iteration + 1, metrics.sent)
                 own = {f"{DIAGNOSTICS}{name}": value for name, value in metrics.diagnostics.items()}
                 progress(step, {**_recent_episodes(episodes), **own})
         except Exception as error:
@@ -437,16 +434,16 @@ class Segments:
         finally:
             self._slot.clear()
             world.close()
-        return RunState(seed, segment + 1, learner, np.concatenate(episodes), np.concatenate(iterations))
+        return RunState(seed, segment + 1, state.learner, state.episodes, state.iterations)
 
 
 _segments = lru_cache(maxsize=1)(Segments)
 """Keeps the compiled programs from segment to segment."""
 
 
-def _recent_episodes(episodes: list[NDArray[np.float64]]) -> dict[str, float]:
+def _recent_episodes(episodes: NDArray[np.float64]) -> dict[str, float]:
     """Return means over the last RECENT_EPISODES of these rows; nan if there are none."""
-    _, returns, lengths = np.concatenate(episodes)[-RECENT_EPISODES:].T
+    _, returns, lengths = episodes[-RECENT_EPISODES:].T
     if not len(returns):
         return dict.fromkeys(("return", "reward_per_step", "length"), math.nan)
     return {
