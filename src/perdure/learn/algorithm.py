@@ -28,7 +28,7 @@ class Sent(NamedTuple):
     """What one iteration sent to its environments, stepped all together: it leads new ones to the same state."""
 
     actions: NDArray[np.float32]
-    """Before they were cut to the action box, shape (steps, n_envs, action_size)."""
+    """Before they were cut to the action box, shape (steps, n_envs, action_size); the same steps in every iteration."""
     done: NDArray[np.bool_]
     """Which environments were reset after the step, shape (steps, n_envs)."""
     observations: NDArray[np.float64]
