@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -31,6 +32,8 @@ class Metrics(NamedTuple):
     """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
     diagnostics: dict[str, float]
     """The algorithm's own numbers, such as its losses."""
+    facts: Mapping[str, float] = {}
+    """Further numbers for `Configuration.advice`, reported until the segment ends. Their names have a slash."""
 
 
 class Algorithm(Protocol):
@@ -105,6 +108,10 @@ class Configuration(Registered):
     def continued(self, policy: Policy) -> Self:
         """Return settings with which training may continue a policy; by default it cannot."""
         raise PerdureError(f"--from: {self.name} cannot continue a policy")
+
+    def advice(self, facts: Mapping[str, float]) -> str:
+        """Return what the user should know, from `Metrics.facts`, as a sentence without a period; "" for nothing."""
+        return ""
 
     @property
     def iterations(self) -> int:

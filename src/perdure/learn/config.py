@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast, get_args
 
@@ -173,6 +174,22 @@ class PPOConfig(Configuration):
             activation=cast(Activation, policy.activation),  # another one is refused
             log_std_init=min(self.log_std_init, CONTINUED_LOG_STD),
             log_std_end=None,
+        )
+
+    def advice(self, facts: Mapping[str, float]) -> str:
+        """Return that an early end pays, and the flag for a quieter start; "" where that does no lasting harm.
+
+        With a discount PPO recovers. With the average reward a fall is a cost and ends nothing.
+        """
+        from perdure.learn.first_rollout import REWARD, ending_pays
+
+        limited = self.protocol.gamma < 1 or self.estimator.partition(":")[0] != PPOConfig.estimator
+        if limited or not ending_pays(facts):
+            return ""
+        return (
+            f"a step of the first rollout earns {facts[REWARD]:.2f} and episodes end early, so an early end pays "
+            "better than going on, which a method without a discount may learn; start with less noise: "
+            f"--ppo.log-std-init {self.log_std_init - 1:g}"
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import EstimatorState, Transitions, make_estimator
 from perdure.learn.algorithm import Metrics
+from perdure.learn.first_rollout import first_rollout_facts
 from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
@@ -176,7 +177,10 @@ class PPO:
                 f"{self._config.learning_rate:g})"
             )
         learned = PPOState(params, adam, rollout.statistics, prepared.estimator)
-        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics)
+        facts = {}
+        if iteration == 0:
+            facts = first_rollout_facts(rollout.episodes, rollout.experience.ends)
+        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics, facts)
         return learned, Running(running.collect, handle, rollout.env_state), metrics
 
     def observation_std(self, state: PPOState) -> NDArray[np.float64]:

@@ -7,7 +7,9 @@ the algorithm's.
 
 HalfCheetah and Hopper come from its pull requests 155 and 183, Swimmer from 335 (before 2023-01: defaults and gamma =
 0.9999). For Walker2d it names no network. Its entry for Ant is Stable-Baselines3's defaults, as here for any other
-task; a tuned one (10 million steps) is commented out.
+task; a tuned one (10 million steps) is commented out. Here Ant also starts with less noise, log_std_init -1 in place of
+0: with 0 its first steps earn less than nothing, and undiscounted methods learn to end episodes
+(`perdure.learn.first_rollout`). Policies of Ant that were trained before name log_std_init 0 in their settings.
 
 With the zoo's Hopper settings policies of Stable-Baselines3 and of perdure learn to stand still (rl-baselines3-zoo's
 issue 376 reports the same). So a second preset, ``cleanrl``, has one set of numbers for every task: those of CleanRL's
@@ -97,10 +99,12 @@ _ZOO = {
     "Swimmer": _tuned(0.9999, 1024, 256, 10, 0.98, 6e-4, 0.0, 0.2, 0.5, 0.5, n_envs=4),
 }
 _DEFAULTS = Preset(0.99, {})
+_QUIET = {"Ant": Preset(0.99, {"log_std_init": -1.0})}
+"""Robots that have the defaults, but less noise at the start."""
 _CLEANRL = Preset(0.99, {"learning_rate_decay": "linear"})
 
 PRESETS: dict[str, Callable[[str], Preset]] = {
-    ZOO: lambda robot: _ZOO.get(robot, _DEFAULTS),
+    ZOO: lambda robot: (_ZOO | _QUIET).get(robot, _DEFAULTS),
     "cleanrl": lambda robot: _CLEANRL,
 }
 """Name to what makes the preset of a robot, such as "Hopper"."""

@@ -32,6 +32,7 @@ from perdure.errors import PerdureError
 from perdure.horizon import Embedding
 from perdure.learn.algorithm import Algorithm, Configuration, algorithm_of, all_methods, usual_config
 from perdure.learn.checkpoint import RunState, checkpoint_segments, load_checkpoint, save_checkpoint
+from perdure.learn.first_rollout import say_advice
 from perdure.learn.presets import ZOO
 from perdure.learn.start import start_file, trained_steps
 from perdure.policy import Policy, find_policy, load_policy, measure_reference, save_policy
@@ -183,8 +184,16 @@ def train(
     store = Store(out)
     units = [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
-    run_missing(units, out, on, cores, observe or Lines("train", "steps"), waiting)
+    run_missing(units, out, on, cores, _both(say_advice(run), observe or Lines("train", "steps")), waiting)
     return [store.get(unit.key) / POLICY for unit in units]
+
+
+def _both(first: Observer, second: Observer) -> Observer:
+    def observe(status: Status) -> None:
+        first(status)
+        second(status)
+
+    return observe
 
 
 def kept_steps(run: TrainRun, out: str | Path) -> dict[int, int]:
@@ -362,7 +371,8 @@ class Segments:
         Args:
             state: After the segments so far.
             progress: Called after each iteration with (environment steps so far, facts): "return", "reward_per_step"
-                and "length" of the last episodes, and the algorithm's numbers, whose names begin with DIAGNOSTICS.
+                and "length" of the last episodes, the algorithm's numbers, whose names begin with DIAGNOSTICS, and
+                those for its advice.
         """
         config = self._config
         seed = state.seed
@@ -372,6 +382,7 @@ class Segments:
         # Of the environments: 31-bit numbers that share no simple pattern.
         seeds = [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(config.n_envs, np.uint32) >> 1]
         learner = state.learner
+        facts: dict[str, float] = {}
         episodes = [state.episodes]
         iterations = [state.iterations]
         world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
@@ -394,7 +405,8 @@ class Segments:
                 episodes.append(metrics.episodes)
                 iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
                 own = {f"{DIAGNOSTICS}{name}": value for name, value in metrics.diagnostics.items()}
-                progress(step, {**_recent_episodes(episodes), **own})
+                facts |= metrics.facts
+                progress(step, {**_recent_episodes(episodes), **facts, **own})
         except Exception as error:
             if self._slot.error is None or error is self._slot.error:
                 raise
