@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from perdure.envs import TaskSpec
     from perdure.policy import Policy
 
-Activation = Literal["relu", "tanh"]
+Activation = Literal["relu", "tanh", "elu", "selu", "leaky_relu", "sigmoid", "silu", "gelu", "softplus", "mish"]
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
 OMITTED_DEFAULTS = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning")
@@ -165,7 +165,14 @@ class PPOConfig(Configuration):
         return PPO(self, spec)
 
     def continued(self, policy: Policy) -> Self:
-        """Return settings that fit a policy: its layers and its activation, and less noise than at the start."""
+        """Return settings that fit a policy: its layers and its activation, and less noise than at the start.
+
+        Raises:
+            PerdureError: No training here can continue a policy of this kind.
+        """
+        from perdure.learn.start import check_policy
+
+        check_policy(policy)
         layers = sum(name.startswith("policy.") and name.endswith(".weight") for name in policy.weights)
         hidden = [policy.weights[f"policy.{layer}.bias"] for layer in range(layers - 1)]
         return dataclasses.replace(

@@ -98,6 +98,8 @@ _ZOO = {
     "Humanoid": _tuned(0.95, 512, 256, 5, 0.9, 3.56987e-5, 2.38306e-3, 0.3, 2.0, 0.431892, **_WIDE, **_LONG),
     "Swimmer": _tuned(0.9999, 1024, 256, 10, 0.98, 6e-4, 0.0, 0.2, 0.5, 0.5, n_envs=4),
 }
+TUNED = tuple(_ZOO)
+"""Robots that have a row of their own in the Zoo's preset. Ant has Stable-Baselines3's defaults there, as any other."""
 _DEFAULTS = Preset(0.99, {})
 _QUIET = {"Ant": Preset(0.99, {"log_std_init": -1.0})}
 """Robots that have the defaults, but less noise at the start."""

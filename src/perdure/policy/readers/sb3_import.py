@@ -17,7 +17,7 @@ from perdure.envs.suites import task_source_digest
 from perdure.errors import PerdureError, warn
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.files import load_policy, save_policy
-from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
+from perdure.policy.policy import LARGEST_OBSERVATION, SEEN, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
 from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
 from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, is_sb3_zip, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
@@ -110,6 +110,8 @@ def import_sb3(
             )
     policy = _policy(model, spec, statistics, steps, horizon, str(path))
     provenance = _provenance(model, path, written, env, time_feature)
+    if statistics is not None and statistics.count:
+        provenance[SEEN] = statistics.count
     engine = trained_on(model.gym, spec)
     if engine:
         provenance["engine"] = engine
