@@ -92,8 +92,9 @@ def train_command(
             settings: The learner's settings; the defaults are those of task and method.
         """
         from perdure.disturbances import STANDARDS, parse_disturbance, parse_disturbances
-        from perdure.learn.run import TrainRun, on_report
-        from perdure.learn.run import tensorboard as curves
+        from perdure.learn.progress import on_report
+        from perdure.learn.progress import tensorboard as curves
+        from perdure.learn.run import TrainRun
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 

@@ -6,10 +6,10 @@ TASK --method NAME` finds it by its name, also in another package (`perdure.regi
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -109,6 +109,10 @@ class Configuration(Registered):
         """Return settings with which training may continue a policy; by default it cannot."""
         raise PerdureError(f"--from: {self.name} cannot continue a policy")
 
+    def stages(self, task: str) -> tuple[Stage, ...]:
+        """Return the parts of a training run on a task; by default it has one, with these settings."""
+        return (Stage(self),)
+
     def advice(self, facts: Mapping[str, float]) -> str:
         """Return what the user should know, from `Metrics.facts`, as a sentence without a period; "" for nothing."""
         return ""
@@ -130,10 +134,28 @@ class Configuration(Registered):
 
     def to_json(self) -> dict[str, Any]:
         """Return the settings as plain JSON values."""
-        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}  # type: ignore[arg-type]
+        values = {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
         values["protocol"] = self.protocol.to_json()
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
         return {"algorithm": self.name, **plain}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of a training run. The first one begins as the run does, each later one continues the policy before it."""
+
+    config: Configuration
+    disturb: tuple[str, ...] = ()
+    """What disturbs its training episodes, beside what disturbs the whole run."""
+
+    @property
+    def steps(self) -> int:
+        """Return its environment steps."""
+        return self.config.iterations * self.config.iteration_steps
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return {"config": self.config.to_json(), "disturb": list(self.disturb)}
 
 
 def usual_config(
