@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 Activation = Literal["relu", "tanh", "elu", "selu", "leaky_relu", "sigmoid", "silu", "gelu", "softplus", "mish"]
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
-OMITTED_DEFAULTS = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning", "then")
+OMITTED_DEFAULTS = (
+    *("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning"),
+    *("clip_obs", "then"),
+)
 """Settings that stored runs and policy files name only where they differ from their default."""
 CONTINUED_LOG_STD = -1.0
 """Largest log standard deviation with which training continues by default. At the usual start value of 0, noise as wide
@@ -112,6 +115,8 @@ class PPOConfig(Configuration):
     conditioning: Conditioning = "concatenate"
     """How phi enters the networks: `concatenate` appends it to the observation; `film` lets it scale and shift the
     hidden layers, see `perdure.learn.networks`."""
+    clip_obs: float = 10.0
+    """Normalized observations are clipped to +-clip_obs, as in Stable-Baselines3's VecNormalize."""
     then: Further | None = None
     """Further training in the same run; None: none."""
 
@@ -126,7 +131,7 @@ class PPOConfig(Configuration):
         for each in dataclasses.fields(self):
             value = getattr(self, each.name)
             require(not isinstance(value, float) or math.isfinite(value), each.name, "a finite number")
-        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+        for name in ("learning_rate", "clip_range", "max_grad_norm", "clip_obs"):
             require(getattr(self, name) > 0, name, "a positive number")
         for name in ("ent_coef", "vf_coef"):
             require(getattr(self, name) >= 0, name, "0 or more")
@@ -189,7 +194,7 @@ class PPOConfig(Configuration):
         return PPO(self, spec)
 
     def continued(self, policy: Policy) -> Self:
-        """Return settings that fit a policy: its layers and its activation, and less noise than at the start.
+        """Return settings that fit a policy: its layers, activation and clipping, and less noise than at the start.
 
         Raises:
             PerdureError: No training here can continue a policy of this kind.
@@ -205,6 +210,7 @@ class PPOConfig(Configuration):
             activation=cast(Activation, policy.activation),  # another one is refused
             log_std_init=min(self.log_std_init, CONTINUED_LOG_STD),
             log_std_end=None,
+            clip_obs=policy.normalizer.clip,
         )
 
     def stages(self, task: str) -> tuple[Stage, ...]:

@@ -113,7 +113,7 @@ def entropy(log_std: jax.Array) -> jax.Array:
 # parallel rule of Chan, Golub and LeVeque (1979).
 
 CLIP = 10.0
-"""Both observations and rewards are clipped to +-CLIP after scaling."""
+"""Rewards are clipped to +-CLIP after scaling; observations too, unless `PPOConfig.clip_obs` says otherwise."""
 EPSILON = 1e-8
 """Added to a variance before its square root."""
 
@@ -148,10 +148,10 @@ def merge(moments: RunningMoments, batch: jax.Array) -> RunningMoments:
     return RunningMoments(mean, squares / total, total)
 
 
-def normalize(moments: RunningMoments, values: jax.Array) -> jax.Array:
-    """Return (values - mean) / sqrt(var + eps), clipped; float32, shape of ``values``."""
+def normalize(moments: RunningMoments, values: jax.Array, clip: float = CLIP) -> jax.Array:
+    """Return (values - mean) / sqrt(var + eps), clipped to +-clip; float32, shape of ``values``."""
     scaled = (values - moments.mean) / jnp.sqrt(moments.var + EPSILON)
-    return jnp.clip(scaled, -CLIP, CLIP).astype(jnp.float32)
+    return jnp.clip(scaled, -clip, clip).astype(jnp.float32)
 
 
 def scale_rewards(return_var: jax.Array, rewards: jax.Array) -> jax.Array:

@@ -26,7 +26,7 @@ from perdure.errors import PerdureError
 from perdure.learn.advantages import EstimatorState, Transitions, make_estimator
 from perdure.learn.algorithm import Metrics
 from perdure.learn.first_rollout import first_rollout_facts
-from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
+from perdure.learn.networks import EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
     EnvState,
@@ -196,7 +196,7 @@ class PPO:
             task=TaskInfo.of(spec),
             weights={name: np.asarray(value) for name, value in state.params.items()},
             activation=self._config.activation,
-            normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), CLIP, EPSILON),
+            normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), self._config.clip_obs, EPSILON),
             protocol=self._config.protocol,
             clock=default_clock(self._config),
             return_scale=math.sqrt(float(state.statistics.returns.var[0]) + EPSILON),

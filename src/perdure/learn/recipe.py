@@ -118,8 +118,8 @@ def _untrained(config: PPOConfig, spec: TaskSpec) -> Policy:
     for layer, shape in enumerate(pairwise(sizes)):
         weights[f"policy.{layer}.weight"] = np.zeros(shape, np.float32)
         weights[f"policy.{layer}.bias"] = np.zeros(shape[1], np.float32)
-    identity = Normalizer.identity(spec.observation_size)
-    return Policy(TaskInfo.of(spec), weights, config.activation, identity, config.protocol, default_clock(config))
+    seen = Normalizer(np.zeros(spec.observation_size), np.ones(spec.observation_size), config.clip_obs)
+    return Policy(TaskInfo.of(spec), weights, config.activation, seen, config.protocol, default_clock(config))
 
 
 def recipe_preset(task: str) -> str:

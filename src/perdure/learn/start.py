@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from perdure.envs import TaskSpec
 from perdure.errors import PerdureError
 from perdure.learn.config import PPOConfig
-from perdure.learn.networks import CLIP, EPSILON, Params, RunningMoments
+from perdure.learn.networks import EPSILON, Params, RunningMoments
 from perdure.policy import Policy
 from perdure.policy.policy import SEEN
 
@@ -116,8 +116,6 @@ def check_policy(policy: Policy) -> None:
         raise PerdureError(f"{name} has no hidden layer, and PPO here needs one: {OWN_LEARNER}")
     if policy.protocol.normalize_embedding:
         raise PerdureError("the policy's normalizer is kept, so normalize_embedding must be off")
-    if policy.normalizer.clip < CLIP:
-        raise PerdureError(f"{name} clips its inputs to {policy.normalizer.clip:g}, PPO here to {CLIP:g}")
 
 
 def check_start(policy: Policy, config: PPOConfig, spec: TaskSpec) -> None:
@@ -130,6 +128,8 @@ def check_start(policy: Policy, config: PPOConfig, spec: TaskSpec) -> None:
         )
     if policy.activation != config.activation:
         raise PerdureError(f"the policy's activation is {policy.activation!r}, not {config.activation!r}")
+    if policy.normalizer.clip != config.clip_obs:
+        raise PerdureError(f"the policy clips its inputs to {policy.normalizer.clip:g}, not {config.clip_obs:g}")
     if policy.protocol.embedding not in (None, config.protocol.embedding):
         raise PerdureError(
             f"the policy's time-to-go input is {policy.protocol.embedding}, that of the method "
