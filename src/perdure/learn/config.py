@@ -21,8 +21,13 @@ Activation = Literal["relu", "tanh", "elu", "selu", "leaky_relu", "sigmoid", "si
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
 OMITTED_DEFAULTS = (
-    *("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning"),
-    *("clip_obs", "then"),
+    "learning_rate_decay",
+    "log_std_end",
+    "log_std_fall",
+    "estimator",
+    "conditioning",
+    "clip_obs",
+    "then",
 )
 """Settings that stored runs and policy files name only where they differ from their default."""
 CONTINUED_LOG_STD = -1.0
