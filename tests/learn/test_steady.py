@@ -48,8 +48,8 @@ def killed_at(step, out):
 def steady(tmp_path_factory):
     """The folder of a run that was killed in both stages, and its reports after that."""
     out = tmp_path_factory.mktemp("steady")
-    assert killed_at(192, out) == {0: 128}
-    assert killed_at(FIRST_STEPS + ROLLOUT, out) == {0: FIRST_STEPS}
+    assert killed_at(192, out) == {0: 192}
+    assert killed_at(FIRST_STEPS + ROLLOUT, out) == {0: FIRST_STEPS + ROLLOUT}
     reports = []
     (path,) = train(RUN, out, cores=1, observe=on_report(RUN, reports.append))
     return path.parent, reports
@@ -82,7 +82,7 @@ def test_its_curves_go_on_where_the_first_stage_ends(steady, both):
         expected = pl.concat([one, two.with_columns(pl.col("step") + FIRST_STEPS)])
         assert pl.read_parquet(folder / f"{name}.parquet").equals(expected)
     total = FIRST_STEPS + FURTHER_STEPS
-    assert [(each.step, each.steps) for each in reports] == [(FIRST_STEPS + ROLLOUT, total), (total, total)]
+    assert [(each.step, each.steps) for each in reports] == [(total, total)]
     assert reports[-1].share == 1.0
 
 

@@ -25,8 +25,19 @@ if TYPE_CHECKING:
     from perdure.policy import Policy
 
 
+class Sent(NamedTuple):
+    """What one iteration sent to its environments, stepped all together: it leads new ones to the same state."""
+
+    actions: NDArray[np.float32]
+    """Before they were cut to the action box, shape (steps, n_envs, action_size)."""
+    done: NDArray[np.bool_]
+    """Which environments were reset after the step, shape (steps, n_envs)."""
+    observations: NDArray[np.float64]
+    """Where that led, shape (n_envs, observation_size): after the last step and its resets."""
+
+
 class Metrics(NamedTuple):
-    """What one iteration reports for the learning curves."""
+    """What one iteration reports: learning curves, and what a checkpoint within a segment needs."""
 
     episodes: NDArray[np.float64]
     """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
@@ -34,10 +45,16 @@ class Metrics(NamedTuple):
     """The algorithm's own numbers, such as its losses."""
     facts: Mapping[str, float] = {}
     """Further numbers for `Configuration.advice`, reported until the segment ends. Their names have a slash."""
+    sent: Sent | None = None
+    """None: the run has checkpoints between segments only."""
 
 
 class Algorithm(Protocol):
-    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
+    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores.
+
+    A checkpoint within a segment needs two things more: `Metrics.sent`, and running environments that are such a tree,
+    too. What is no array in it (static fields, see `jax.tree_util.register_dataclass`) comes from `start`.
+    """
 
     @property
     def diagnostics(self) -> tuple[str, ...]:
@@ -69,7 +86,7 @@ class Configuration(Registered):
     n_envs: int
     """Environments of one seed, stepped side by side."""
     segment_steps: int
-    """Steps between checkpoints, rounded to whole iterations."""
+    """Steps between renewals of the environments, where a checkpoint needs no replay; rounded to whole iterations."""
     presets: ClassVar[tuple[str, ...]] = ()
     """Names of its sets of tuned hyperparameters; () where it has one set of defaults."""
 
@@ -124,12 +141,12 @@ class Configuration(Registered):
 
     @property
     def segment_iterations(self) -> int:
-        """Return the iterations between two checkpoints."""
+        """Return the iterations of a segment."""
         return max(1, round(self.segment_steps / self.iteration_steps))
 
     @property
     def segments(self) -> int:
-        """Return the checkpoints in the whole run, the last one included."""
+        """Return the segments of the whole run."""
         return math.ceil(self.iterations / self.segment_iterations)
 
     def to_json(self) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 A seed's run is a chain of segments. Each one begins with the checkpoint in the run's folder and leaves the next. It
 builds its environments from (seed, segment) alone and cuts running episodes as the end of a rollout does, because an
 engine's inner state and random generator cannot be saved. So a run that was killed and a run that was not are the same
-run. A run knows no detail of its algorithm, only the interface `Algorithm`.
+run. Within a segment, partial checkpoints keep what its environments were sent, see `perdure.learn.partial`. A run
+knows no detail of its algorithm, only the interface `Algorithm`.
 """
 
 from __future__ import annotations
@@ -27,11 +28,12 @@ from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, warn
 from perdure.horizon import Embedding
 from perdure.learn.algorithm import Algorithm, Configuration, Stage, algorithm_of, all_methods, usual_config
-from perdure.learn.checkpoint import RunState, checkpoint_segments, load_checkpoint, save_checkpoint
+from perdure.learn.checkpoint import RunState, checkpoint_place, load_checkpoint, save_checkpoint
 from perdure.learn.first_rollout import say_advice
+from perdure.learn.partial import Recorder, ReplayError
 from perdure.learn.presets import ZOO
 from perdure.learn.progress import DIAGNOSTICS
 from perdure.learn.start import start_file, trained_steps
@@ -54,6 +56,9 @@ from perdure.schema import parquet_bytes
 POLICY = "policy.safetensors"
 """Written last."""
 CHECKPOINT = "checkpoint.safetensors"
+"""Between two segments."""
+PARTIAL = "partial.safetensors"
+"""Within the segment after the checkpoint."""
 EPISODE_COLUMNS = ("step", "return", "length")
 UNNAMED_PRESETS = (ZOO, None)
 """Presets that folders and policy files do not name."""
@@ -212,7 +217,7 @@ def _both(first: Observer, second: Observer) -> Observer:
 
 
 def kept_steps(run: TrainRun, out: str | Path) -> dict[int, int]:
-    """Return the environment steps of each unfinished seed that its checkpoint keeps; 0 without a checkpoint.
+    """Return the environment steps of each unfinished seed that its checkpoints keep; 0 without one.
 
     Args:
         run: The training run.
@@ -233,7 +238,11 @@ def kept_steps(run: TrainRun, out: str | Path) -> dict[int, int]:
 
 def _kept_steps(config: Configuration, folder: Path) -> int:
     """Return the environment steps of one stage that its folder keeps."""
-    iterations = min(checkpoint_segments(folder / CHECKPOINT) * config.segment_iterations, config.iterations)
+    segments, _ = checkpoint_place(folder / CHECKPOINT)
+    iterations = min(segments * config.segment_iterations, config.iterations)
+    running_segment, partial = checkpoint_place(folder / PARTIAL)
+    if running_segment == segments:
+        iterations = max(iterations, partial)
     if (folder / POLICY).exists():
         iterations = config.iterations
     return iterations * config.iteration_steps
@@ -294,9 +303,11 @@ def _train_stage(work: Work, run: TrainRun, number: int, seed: int, start: str |
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, state)
     # One more segment.
+    partial = folder / PARTIAL
     if state.segment < stage.config.segments:
-        state = segments.run(state, lambda step, facts: work.report(before + step, run.steps, **facts))
+        state = segments.run(state, lambda step, facts: work.report(before + step, run.steps, **facts), partial)
         save_checkpoint(state, checkpoint)
+    partial.unlink(missing_ok=True)
     if state.segment < stage.config.segments:
         return False
     # The last one: learning curves, then the policy.
@@ -356,7 +367,9 @@ class Segments:
         iterations = np.zeros((0, len(self.columns)))
         return RunState(seed, 0, self.algorithm.init(seed, start), episodes, iterations)
 
-    def run(self, state: RunState, progress: Callable[[int, dict[str, float]], None]) -> RunState:
+    def run(
+        self, state: RunState, progress: Callable[[int, dict[str, float]], None], partial: Path | None = None
+    ) -> RunState:
         """Train a seed for its next segment. The memory of ``state``'s learner is reused.
 
         Args:
@@ -364,7 +377,19 @@ class Segments:
             progress: Called after each iteration with (environment steps so far, facts): "return", "reward_per_step"
                 and "length" of the last episodes, the algorithm's numbers, whose names begin with DIAGNOSTICS, and
                 those for its advice.
+            partial: File in which the running segment is kept; the result does not depend on it. A file of this segment
+                is where training goes on.
         """
+        try:
+            return self._run(state, progress, partial)
+        except ReplayError as error:
+            step = state.segment * self._config.segment_iterations * self._config.iteration_steps
+            warn(f"{error}; seed {state.seed} is trained again from step {step:,}")
+        return self._run(state, progress, partial)
+
+    def _run(
+        self, state: RunState, progress: Callable[[int, dict[str, float]], None], partial: Path | None
+    ) -> RunState:
         config = self._config
         seed = state.seed
         segment = state.segment
@@ -372,29 +397,36 @@ class Segments:
         last = min(first + config.segment_iterations, config.iterations)
         # Of the environments: 31-bit numbers that share no simple pattern.
         seeds = [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(config.n_envs, np.uint32) >> 1]
-        learner = state.learner
         facts: dict[str, float] = {}
-        episodes = [state.episodes]
-        iterations = [state.iterations]
         world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         try:
             # New environments, disturbed if they are to be.
             if self._disturbances:
-                spread = np.tile(self.algorithm.observation_std(learner), (len(seeds), 1))
+                spread = np.tile(self.algorithm.observation_std(state.learner), (len(seeds), 1))
                 world = DisturbedWorld(world, self._disturbances, seeds, spread)
             observations = world.reset()
             self._slot.fill(world)
-            learner, running = self.algorithm.start(learner, self._slot, observations, seed=seed, segment=segment)
+            learner, running = self.algorithm.start(state.learner, self._slot, observations, seed=seed, segment=segment)
+            # Where a partial checkpoint left off, if there is one.
+            recorder = Recorder(partial, world)
+            begun = recorder.resume(dataclasses.replace(state, learner=learner), running, first)
+            state = begun
+            running = begun.running
             # Learn. Observation noise scales with the spread of the observations so far.
-            for iteration in range(first, last):
+            for iteration in range(begun.iteration, last):
                 if isinstance(world, DisturbedWorld):
-                    world.observation_std[:] = self.algorithm.observation_std(learner)
-                learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
+                    world.observation_std[:] = self.algorithm.observation_std(state.learner)
+                learner, running, metrics = self.algorithm.iterate(
+                    state.learner, running, seed=seed, iteration=iteration
+                )
                 if self._slot.error is not None:
                     raise self._slot.error
                 step = (iteration + 1) * config.iteration_steps
-                episodes.append(metrics.episodes)
-                iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
+                row = np.array([[step, *metrics.diagnostics.values()]])
+                episodes = np.concatenate([state.episodes, metrics.episodes])
+                state = RunState(seed, segment, learner, episodes, np.concatenate([state.iterations, row]))
+                # Keep, then tell.
+                recorder.keep(state, running, iteration + 1, metrics.sent)
                 own = {f"{DIAGNOSTICS}{name}": value for name, value in metrics.diagnostics.items()}
                 facts |= metrics.facts
                 progress(step, {**_recent_episodes(episodes), **facts, **own})
@@ -405,16 +437,16 @@ class Segments:
         finally:
             self._slot.clear()
             world.close()
-        return RunState(seed, segment + 1, learner, np.concatenate(episodes), np.concatenate(iterations))
+        return RunState(seed, segment + 1, state.learner, state.episodes, state.iterations)
 
 
 _segments = lru_cache(maxsize=1)(Segments)
 """Keeps the compiled programs from segment to segment."""
 
 
-def _recent_episodes(episodes: list[NDArray[np.float64]]) -> dict[str, float]:
+def _recent_episodes(episodes: NDArray[np.float64]) -> dict[str, float]:
     """Return means over the last RECENT_EPISODES of these rows; nan if there are none."""
-    _, returns, lengths = np.concatenate(episodes)[-RECENT_EPISODES:].T
+    _, returns, lengths = episodes[-RECENT_EPISODES:].T
     if not len(returns):
         return dict.fromkeys(("return", "reward_per_step", "length"), math.nan)
     return {
