@@ -47,13 +47,15 @@ def ending_pays(facts: Mapping[str, float]) -> bool:
 
 def say_advice(run: TrainRun) -> Observer:
     """Return an observer that warns once, in what the run's algorithm says of the first facts of any seed."""
-    said = False
+    said = run.command is not None  # another command than `perdure train` has other flags
 
     def observe(status: Status) -> None:
         nonlocal said
         for seed in run.seeds:
-            text = run.config.advice(status[run.key(seed)].facts)
-            if text and not said:
+            text = ""
+            if not said:
+                text = run.config.advice(status[run.key(seed)].facts)
+            if text:
                 said = True
                 warn(f"{run.task}: {text}")
 
