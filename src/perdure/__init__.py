@@ -8,7 +8,7 @@
 | `perdure.envs` | vectorized environments with one interface (`World`) |
 | `perdure.policy` | policies, each stored in one file; import from other libraries |
 | `perdure.learn` | PPO in JAX with a configurable horizon; training methods |
-| `perdure.evaluate` | evaluation far beyond the training horizon: `perdure.extrapolate`, `perdure.compare` |
+| `perdure.evaluate` | evaluation far beyond training: `perdure.extrapolate`, `perdure.compare`; `perdure.cure` |
 | `perdure.stats` | intervals over training runs, differences, survival curves |
 | `perdure.sequential` | intervals that stay valid while episodes are added |
 | `perdure.film` | pictures and films of simulations; `perdure.evaluate.watch` films a policy as it fails |
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from perdure.evaluate import Extrapolation, ExtrapolationResult, extrapolate
     from perdure.evaluate.callback import VerdictCallback
     from perdure.evaluate.compare import compare
+    from perdure.evaluate.cure import cure
     from perdure.horizon import (
         Constant,
         Countdown,
@@ -62,6 +63,7 @@ __all__ = [
     "Uniform",
     "VerdictCallback",
     "compare",
+    "cure",
     "extrapolate",
     "list_tasks",
     "load_policy",
@@ -79,6 +81,7 @@ _NAMES = {
     "evaluate": ("Extrapolation", "ExtrapolationResult", "extrapolate"),
     "evaluate.callback": ("VerdictCallback",),
     "evaluate.compare": ("compare",),
+    "evaluate.cure": ("cure",),
     "horizon": (
         *("Constant", "Countdown", "Fixed", "Geometric", "HorizonProtocol"),
         *("Infinite", "Linear", "Periodic", "Uniform", "parse_clock"),

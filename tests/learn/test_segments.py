@@ -22,7 +22,8 @@ from perdure.errors import OtherSourceWarning, PerdureError, PerdureWarning
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.learn import PPOConfig, TrainRun, on_report, train
 from perdure.learn.checkpoint import load_checkpoint, save_checkpoint
-from perdure.learn.run import Segments, kept_steps, tensorboard
+from perdure.learn.progress import tensorboard
+from perdure.learn.run import Segments, kept_steps
 from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"

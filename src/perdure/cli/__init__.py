@@ -19,6 +19,7 @@ USAGE = f"""perdure: train a policy in finite episodes, deploy it without end, a
   perdure train Hopper-v3 --method geometric           train with time-to-go (or plain PPO, or a control)
   perdure extrapolate Hopper-v3/geometric              run policies far beyond their training horizon, and report
   perdure compare Hopper-v3/ppo Hopper-v3/geometric    is B better than A? Episodes are added until it is decided
+  perdure cure Hopper-v3/ppo                           train a policy further so that it holds: before and after
   perdure import model.zip --env Hopper-v5             convert a Stable-Baselines3 model to a policy file
   perdure export Hopper-v3/geometric policy.onnx       export a policy as an ONNX model
   perdure report extrapolation                         write the report of an evaluation again
@@ -59,10 +60,11 @@ MODULES = {
     "extrapolate": "extrapolate",
     "report": "extrapolate",
     "compare": "compare",
+    "cure": "cure",
 }
 """Modules of commands that are not in `perdure.cli.commands`."""
 ALIASES = {"analyse": "analyze"}
-RESUMING = ("demo", "train", "extrapolate", "compare", "home train", "home run")
+RESUMING = ("demo", "train", "extrapolate", "compare", "cure", "home train", "home run")
 """Commands that keep finished parts of an interrupted run."""
 
 

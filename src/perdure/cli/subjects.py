@@ -54,6 +54,8 @@ def _sides(
         modules: Python modules that environments may be imported from.
     """
     from perdure.policy.onnx import is_onnx
+    from perdure.policy.readers.found import import_found
+    from perdure.report.schema import IMPORTED
 
     models = [each for side in found for each in side if not isinstance(each, Path)]
     if len(models) > 1:
@@ -71,7 +73,8 @@ def _sides(
             if isinstance(each, Path):
                 files.append(each)
             else:
-                files.append(_imported(each, env, {"training_horizon": horizon, **sb3}, out, modules))
+                found_flags = {"training_horizon": horizon, **sb3}
+                files.append(import_found(each, env, found_flags, out / IMPORTED, modules, tell))
         sides.append(tuple(files))
     return sides
 
@@ -96,7 +99,7 @@ def _found(name: str) -> Sequence[Path | FoundModel]:
     if path.exists() and path.suffix != ".safetensors":  # the name of a shipped policy needs no reader
         from perdure.policy.readers import find_models
 
-        models = find_models(path, _tell)
+        models = find_models(path, tell)
         if models:
             return models
     return [find_policy(name)]
@@ -125,42 +128,9 @@ def _refuse_flags(flags: Sequence[str], names: Sequence[str]) -> None:
     raise PerdureError(f"{shown}: only for Stable-Baselines3 models; {names[0]} is none")
 
 
-def _imported(model: FoundModel, env: str | None, flags: dict[str, Any], out: Path, modules: Sequence[str]) -> Path:
-    """Return the file of an imported model; what the flags leave out is read from the files beside it."""
-    from perdure.policy import load_policy
-    from perdure.policy.readers import import_once
-    from perdure.report.schema import IMPORTED
-
-    own: dict[str, Any] = {"env": _env(model, modules) if env is None else env}
-    for name in ("normalizer", "time_feature"):
-        if flags[name] is None:
-            own[name] = getattr(model, name)
-    words = [f"{name.replace('_', ' ')} {value}" for name, value in own.items() if value not in (None, env)]
-    _tell(f"reading {model.path}" + (f" with {', '.join(words)}" if words else ""))
-    file = import_once(model.path, out / IMPORTED, **{**flags, **own})
-    engine = load_policy(file).provenance.get("engine")
-    if engine:
-        _tell(f"{model.path} was trained on {engine}; the report says on which one it is judged")
-    return file
-
-
-def _tell(sentence: str) -> None:
+def tell(sentence: str) -> None:
+    """Print a sentence on standard error."""
     print(f"perdure: {sentence}", file=sys.stderr)
-
-
-def _env(model: FoundModel, modules: Sequence[str]) -> str:
-    """Return the environment that the files of a model name, if it can be made as in training."""
-    from perdure.envs import refuse_import, task_of_environment
-
-    if model.env is None:
-        raise PerdureError(f"{model.path} does not say in which environment it acts: give it with --env Hopper-v5")
-    if model.unread:
-        raise PerdureError(f"{model.path} was trained with {model.unread}: name an environment that has it with --env")
-    try:
-        refuse_import(task_of_environment(model.env), modules, str(model.path))
-    except PerdureError as error:
-        raise PerdureError(f"{model.path} was trained in {model.env}; --env names another one: {error}") from None
-    return model.env
 
 
 def named_files(command: str) -> dict[str, str]:

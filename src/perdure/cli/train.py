@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from perdure.cli.parse import Cores, On, call
+from perdure.cli.parse import Cores, Normalizer, On, call
+from perdure.cli.subjects import tell
 from perdure.errors import PerdureError
 
 if TYPE_CHECKING:
@@ -26,13 +27,38 @@ def main(name: str, args: list[str]) -> None:
         raise PerdureError("train needs a task first, as in: perdure train Hopper-v3 --method geometric")
     method = _value(args, "--method", "geometric")
     preset = _value(args, "--preset", "") or None
-    start = _value(args, "--from", "")
-    seed = _value(args, "--seeds", "0")
-    call(train_command(task, method, preset, start, seed), args, name)
+    call(train_command(task, method, preset, _first_start(task, args)), args, name)
+
+
+def _first_start(task: str | None, args: list[str]) -> Path | None:
+    """Return the policy that the first of the training seeds continues; None where nothing is continued."""
+    from perdure.learn.start import start_file
+
+    name = _value(args, "--from", "")
+    if task is None or not name:
+        return None
+    first = _value(args, "--seeds", "0")
+    seed = 0
+    if first.isdecimal():
+        seed = int(first)
+    out = Path(_value(args, "--out", "runs"))
+    return start_file(start_policy(Path(name), task, (seed,), out, _value(args, "--normalizer", "")), seed)
+
+
+def start_policy(name: Path, task: str, seeds: Sequence[int], out: Path, normalizer: str | None) -> Path:
+    """Return the policy that training continues, or a folder with one for each seed; models are imported into `out`."""
+    from perdure.envs.suites import ENVPOOL_PREFIX, GYMNASIUM_PREFIX
+    from perdure.policy.readers.found import policies_by_seed
+    from perdure.report.schema import IMPORTED
+
+    env = task
+    if not task.startswith(GYMNASIUM_PREFIX):  # a name without prefix may mean Gymnasium's environment
+        env = f"{ENVPOOL_PREFIX}{task}"
+    return policies_by_seed(name, seeds, out / IMPORTED, env, {"normalizer": normalizer or None}, tell)
 
 
 def train_command(
-    task: str | None, method: str = "geometric", preset: str | None = None, start: str = "", seed: str = "0"
+    task: str | None, method: str = "geometric", preset: str | None = None, start: Path | None = None
 ) -> Callable[..., None]:
     """Return the command ``train``; the arguments set the defaults of the learner's settings.
 
@@ -40,13 +66,11 @@ def train_command(
         task: The task; None if only help is wanted.
         method: The training method.
         preset: The preset of hyperparameters.
-        start: The policy that training continues, or a folder; "" for none.
-        seed: One of the training seeds, as text: its policy in a folder says what the network looks like.
+        start: File of the policy that training continues, which says what the network looks like; None: new weights.
     """
     from perdure.envs import task_spec
     from perdure.learn import PPOConfig
     from perdure.learn.algorithm import algorithm_of, usual_config
-    from perdure.learn.start import start_file
     from perdure.policy import load_policy
 
     kind = algorithm_of(method)
@@ -56,8 +80,8 @@ def train_command(
     if task is not None:
         spec = task_spec(task)
         config = usual_config(method, task, spec.observation_size, preset, spec.default_horizon)
-        if start:
-            config = config.continued(load_policy(start_file(Path(start), int(seed) if seed.isdecimal() else 0)))
+        if start is not None:
+            config = config.continued(load_policy(start))
 
     def train(
         task: tyro.conf.Positional[str],
@@ -66,6 +90,7 @@ def train_command(
         name: str | None = None,
         disturb: tuple[str, ...] = (),
         start: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
+        normalizer: Normalizer = None,
         seeds: tuple[int, ...] = (0,),
         out: Path = Path("runs"),
         cores: Cores = None,
@@ -84,22 +109,26 @@ def train_command(
             disturb: What disturbs every training episode, all together, such as standard-1, or action_noise:0.05
                 push:0.5 (see `perdure list disturbances`); the run is kept in OUT/TASK/METHOD+standard-1.
             start: Policy that training continues: network and observation statistics are kept, the critic is new, and
-                a time-to-go input that it lacks begins with weights of 0. A folder: each seed continues its own policy
-                there. The run is kept in OUT/TASK/METHOD+continued.
+                a time-to-go input that it lacks begins with weights of 0. A policy file, a shipped policy, model.zip of
+                Stable-Baselines3 (PPO, A2C, TRPO), a run of RL Baselines3 Zoo, or an ONNX model that is a plain
+                network. A folder with seed-0.zip, seed-1.zip and so on: each seed continues its own. The run is kept in
+                OUT/TASK/METHOD+continued.
             seeds: Training seeds, such as 0 1 2, trained side by side; each gives the same result as if trained alone.
             out: Folder of the runs; a policy is OUT/TASK/METHOD/seed-N/policy.safetensors.
             tensorboard: Also write curves for TensorBoard to OUT/tensorboard.
             settings: The learner's settings; the defaults are those of task and method.
         """
         from perdure.disturbances import STANDARDS, parse_disturbance, parse_disturbances
-        from perdure.learn.run import TrainRun, on_report
-        from perdure.learn.run import tensorboard as curves
+        from perdure.learn.progress import on_report
+        from perdure.learn.progress import tensorboard as curves
+        from perdure.learn.run import TrainRun
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 
         parts = [method]
         if start is not None:
             parts.append("continued")
+            start = start_policy(start, task, seeds, out, normalizer)
         if parse_disturbances(disturb):
             parts += sorted(each if each in STANDARDS else parse_disturbance(each).label for each in disturb)
         variant = "+".join(parts).replace(":", "-")

@@ -6,9 +6,10 @@ TASK --method NAME` finds it by its name, also in another package (`perdure.regi
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -42,6 +43,8 @@ class Metrics(NamedTuple):
     """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
     diagnostics: dict[str, float]
     """The algorithm's own numbers, such as its losses."""
+    facts: Mapping[str, float] = {}
+    """Further numbers for `Configuration.advice`, reported until the segment ends. Their names have a slash."""
     sent: Sent | None = None
     """None: the run has checkpoints between segments only."""
 
@@ -123,6 +126,14 @@ class Configuration(Registered):
         """Return settings with which training may continue a policy; by default it cannot."""
         raise PerdureError(f"--from: {self.name} cannot continue a policy")
 
+    def stages(self, task: str) -> tuple[Stage, ...]:
+        """Return the parts of a training run on a task; by default it has one, with these settings."""
+        return (Stage(self),)
+
+    def advice(self, facts: Mapping[str, float]) -> str:
+        """Return what the user should know, from `Metrics.facts`, as a sentence without a period; "" for nothing."""
+        return ""
+
     @property
     def iterations(self) -> int:
         """Return the iterations in the whole run."""
@@ -140,10 +151,28 @@ class Configuration(Registered):
 
     def to_json(self) -> dict[str, Any]:
         """Return the settings as plain JSON values."""
-        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}  # type: ignore[arg-type]
+        values = {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
         values["protocol"] = self.protocol.to_json()
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
         return {"algorithm": self.name, **plain}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of a training run. The first one begins as the run does, each later one continues the policy before it."""
+
+    config: Configuration
+    disturb: tuple[str, ...] = ()
+    """What disturbs its training episodes, beside what disturbs the whole run."""
+
+    @property
+    def steps(self) -> int:
+        """Return its environment steps."""
+        return self.config.iterations * self.config.iteration_steps
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return {"config": self.config.to_json(), "disturb": list(self.disturb)}
 
 
 def usual_config(

@@ -14,6 +14,8 @@ zero, so the networks begin as those of a policy without phi.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -26,6 +28,19 @@ if TYPE_CHECKING:
 Params = dict[str, jax.Array]
 
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
+ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
+    "relu": jax.nn.relu,
+    "tanh": jnp.tanh,
+    "elu": jax.nn.elu,
+    "selu": jax.nn.selu,
+    "leaky_relu": jax.nn.leaky_relu,
+    "sigmoid": jax.nn.sigmoid,
+    "silu": jax.nn.silu,
+    "gelu": partial(jax.nn.gelu, approximate=False),
+    "softplus": jax.nn.softplus,
+    "mish": jax.nn.mish,
+}
+"""The same functions as `perdure.policy.network.ACTIVATIONS`, which act when the policy is deployed."""
 
 
 def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOConfig) -> Params:
@@ -69,7 +84,7 @@ def _init_layer(
 def forward(params: Params, network: str, inputs: jax.Array, activation: str) -> jax.Array:
     """Return the output of ``network`` ("policy" or "value"), shape (n, outputs), for inputs (n, input_size)."""
     layers = sum(name.startswith(f"{network}.") and name.endswith(".weight") for name in params)
-    squash = {"relu": jax.nn.relu, "tanh": jnp.tanh}[activation]
+    activate = ACTIVATIONS[activation]
     first = len(params[f"{network}.0.weight"])
     hidden = inputs[:, :first]
     phi = inputs[:, first:]
@@ -79,7 +94,7 @@ def forward(params: Params, network: str, inputs: jax.Array, activation: str) ->
             if f"{network}.{layer}.scale" in params:
                 scale, shift = (params[f"{network}.{layer}.{part}"] for part in ("scale", "shift"))
                 hidden = (1.0 + phi @ scale) * hidden + phi @ shift
-            hidden = squash(hidden)
+            hidden = activate(hidden)
     return hidden
 
 
@@ -98,7 +113,7 @@ def entropy(log_std: jax.Array) -> jax.Array:
 # parallel rule of Chan, Golub and LeVeque (1979).
 
 CLIP = 10.0
-"""Both observations and rewards are clipped to +-CLIP after scaling."""
+"""Rewards are clipped to +-CLIP after scaling; observations too, unless `PPOConfig.clip_obs` says otherwise."""
 EPSILON = 1e-8
 """Added to a variance before its square root."""
 
@@ -133,10 +148,10 @@ def merge(moments: RunningMoments, batch: jax.Array) -> RunningMoments:
     return RunningMoments(mean, squares / total, total)
 
 
-def normalize(moments: RunningMoments, values: jax.Array) -> jax.Array:
-    """Return (values - mean) / sqrt(var + eps), clipped; float32, shape of ``values``."""
+def normalize(moments: RunningMoments, values: jax.Array, clip: float = CLIP) -> jax.Array:
+    """Return (values - mean) / sqrt(var + eps), clipped to +-clip; float32, shape of ``values``."""
     scaled = (values - moments.mean) / jnp.sqrt(moments.var + EPSILON)
-    return jnp.clip(scaled, -CLIP, CLIP).astype(jnp.float32)
+    return jnp.clip(scaled, -clip, clip).astype(jnp.float32)
 
 
 def scale_rewards(return_var: jax.Array, rewards: jax.Array) -> jax.Array:

@@ -25,7 +25,8 @@ from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import EstimatorState, Transitions, make_estimator
 from perdure.learn.algorithm import Metrics, Sent
-from perdure.learn.networks import CLIP, EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
+from perdure.learn.first_rollout import first_rollout_facts
+from perdure.learn.networks import EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
     EnvState,
@@ -177,12 +178,15 @@ class PPO:
                 f"{self._config.learning_rate:g})"
             )
         learned = PPOState(params, adam, rollout.statistics, prepared.estimator)
+        facts = {}
+        if iteration == 0:
+            facts = first_rollout_facts(rollout.episodes, rollout.experience.ends)
         sent = Sent(
             np.asarray(rollout.experience.actions),
             np.asarray(rollout.episodes.done),
             np.asarray(rollout.env_state.observations),
         )
-        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics, sent)
+        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics, facts, sent)
         return learned, Running(running.collect, handle, rollout.env_state), metrics
 
     def observation_std(self, state: PPOState) -> NDArray[np.float64]:
@@ -198,7 +202,7 @@ class PPO:
             task=TaskInfo.of(spec),
             weights={name: np.asarray(value) for name, value in state.params.items()},
             activation=self._config.activation,
-            normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), CLIP, EPSILON),
+            normalizer=Normalizer(np.asarray(moments.mean), np.asarray(moments.var), self._config.clip_obs, EPSILON),
             protocol=self._config.protocol,
             clock=default_clock(self._config),
             return_scale=math.sqrt(float(state.statistics.returns.var[0]) + EPSILON),

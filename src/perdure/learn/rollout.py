@@ -208,8 +208,8 @@ def network_inputs(
     """Return the normalized observation and phi, float32. phi passes the normalizer only in a replication."""
     phi = config.protocol.embed(elapsed, horizons)
     if config.protocol.normalize_embedding:
-        return normalize(moments, jnp.concatenate([observations, phi], axis=-1))
-    return jnp.concatenate([normalize(moments, observations), phi.astype(jnp.float32)], axis=-1)
+        return normalize(moments, jnp.concatenate([observations, phi], axis=-1), config.clip_obs)
+    return jnp.concatenate([normalize(moments, observations, config.clip_obs), phi.astype(jnp.float32)], axis=-1)
 
 
 def _current_inputs(config: PPOConfig, now: EnvState, statistics: Statistics) -> jax.Array:

@@ -25,6 +25,8 @@ CRITIC = "value."
 """Prefix of the names of the critic's weights."""
 LARGEST_OBSERVATION = 1e6
 """Clipping bound of observations without a normalizer: far beyond the values of any valid simulation."""
+SEEN = "observations"
+"""Entry of the provenance: how many observations made the normalizer's statistics, where its file says."""
 SMALLEST_EPSILON = 1e-30
 """Stands for 0: adding it to a variance of 1 has no effect."""
 

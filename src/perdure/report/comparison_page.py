@@ -231,13 +231,13 @@ def write_page(result: Summary | Ranking, out: str | os.PathLike[str], command: 
     """
     if isinstance(result, Ranking):
         confirmed = result.confirmed
-        numbers = _measures_table(confirmed)
+        numbers = measures_table(confirmed)
         title = f"{len(result.policies)} policies on {result.task}: which is best?"
         first = table("Ranking", _ranking_headings(result), list(_ranking_rows(result)))
         parts = [header(result.task, ranking_headline(result), [selection(result)]), first, numbers]
     else:
         confirmed = result
-        numbers = _measures_table(confirmed)
+        numbers = measures_table(confirmed)
         title = f"{result.a} and {result.b} on {result.task}: which is better?"
         parts = [header(result.task, headline(result), list(result.notes)), numbers]
     if confirmed.verdict == CANNOT_TELL:
@@ -247,6 +247,7 @@ def write_page(result: Summary | Ranking, out: str | os.PathLike[str], command: 
     return write_atomic(folder / PAGE, page(title, parts, command, made))
 
 
-def _measures_table(summary: Summary) -> str:
+def measures_table(summary: Summary) -> str:
+    """Return the table of all measures, a part of a page."""
     notes = {START_STATES: NOTE, RUNS: RUNS_NOTE}
     return table("Measures", _headings(summary), list(_table_rows(summary)), notes[summary.unit])

@@ -17,7 +17,8 @@ from perdure.envs.suites import task_source_digest
 from perdure.errors import PerdureError, warn
 from perdure.horizon import Countdown, Fixed, HorizonProtocol, TimeFeature
 from perdure.policy.files import load_policy, save_policy
-from perdure.policy.policy import LARGEST_OBSERVATION, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
+from perdure.policy.onnx import model_digest
+from perdure.policy.policy import LARGEST_OBSERVATION, SEEN, SMALLEST_EPSILON, Normalizer, Policy, TaskInfo
 from perdure.policy.readers.restricted_pickle import NUMPY_NAMES, Stub, read_numbers, read_pickle
 from perdure.policy.readers.sb3 import USE_A_FUNCTION, Sb3Model, is_sb3_zip, read_sb3
 from perdure.policy.reference import measure_reference, resolve_training_horizon
@@ -110,6 +111,8 @@ def import_sb3(
             )
     policy = _policy(model, spec, statistics, steps, horizon, str(path))
     provenance = _provenance(model, path, written, env, time_feature)
+    if statistics is not None and statistics.count:
+        provenance[SEEN] = statistics.count
     engine = trained_on(model.gym, spec)
     if engine:
         provenance["engine"] = engine
@@ -120,16 +123,22 @@ def import_sb3(
 
 
 def import_file(path: Path, env: str, **options: Any) -> Policy:
-    """Return what `import_sb3` returns or, for a file named .pt, `import_rsl_rl`; options are those of `import_sb3`."""
-    from perdure.policy.readers.checkpoints import import_rsl_rl
+    """Return what the reader of a file returns: `import_sb3`, `import_rsl_rl` for .pt, `import_onnx` for .onnx.
 
-    if path.suffix.lower() != ".pt":
+    Options are those of `import_sb3`.
+    """
+    from perdure.policy.readers.checkpoints import import_rsl_rl
+    from perdure.policy.readers.onnx_network import import_onnx
+
+    readers = {".pt": import_rsl_rl, ".onnx": import_onnx}
+    read = readers.get(path.suffix.lower())
+    if read is None:
         return import_sb3(path, env, **options)
     horizon = options.pop("training_horizon", None)
     given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value not in (None, False)]
     if given:
         raise PerdureError(f"{', '.join(given)}: only for Stable-Baselines3 models; {path} is none")
-    return import_rsl_rl(path, env, training_horizon=horizon)
+    return read(path, env, training_horizon=horizon)
 
 
 def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
@@ -148,7 +157,7 @@ def import_once(path: Path, folder: Path, env: str, **options: Any) -> Path:
     identity: dict[str, Any] = {
         **options,
         "env": task_of_environment(env),
-        "model": file_digest(path),
+        "model": model_digest(path),
         "normalizer": None,
         "no normalizer": normalizer == NO_NORMALIZER,
         "versions": library_versions(),
