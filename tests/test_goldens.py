@@ -72,7 +72,7 @@ def _weighted(array: Any) -> float:
 def returns(name: str) -> list[float]:
     """Return what a policy earns in its first 50 steps from the start states 0 and 1."""
     result = extrapolate(name, steps=50, clocks=EVALUATED[name], eval_seeds=2, disturb="none", on="here")
-    return [float(f"{value:.9g}") for value in result.final().sort("eval_seed")["return"]]
+    return [float(f"{value:.9g}") for value in result.final.sort("eval_seed")["return"]]
 
 
 def _golden(name: str) -> Any:

@@ -45,8 +45,8 @@ def test_an_own_environment_is_learned_evaluated_and_reported(tmp_path):
     (path,) = train(TrainRun(TASK, "mine", config), tmp_path / "runs", cores=1)
     options = {"steps": LONG, "eval_seeds": 4, "clocks": f"constant:{TRAINED}", "disturb": "none", "on": "here"}
     result = extrapolate(path, **options)
-    assert result.final()["step"].to_list() == [LONG] * 4
-    returns = np.array(result.final()["return"])
+    assert result.final["step"].to_list() == [LONG] * 4
+    returns = np.array(result.final["return"])
     # Nothing done pays 0.5 a step on average; the room is right after two steps at most.
     assert np.all(returns > 0.8 * LONG), returns
     page = result.write(tmp_path / "report").read_text()

@@ -101,7 +101,7 @@ def evaluate(
     result = evaluate_files(
         evaluation, Execution(store, on="here", observe=lambda status: work.report(total_share(status), 1.0))
     )
-    rows = result.final().select(COLUMNS).with_columns(speed=speed_while_working(result.frame))
+    rows = result.final.select(COLUMNS).with_columns(speed=speed_while_working(result.frame))
     write_parquet_file(work.folder / ROWS, rows)
     shutil.rmtree(store, ignore_errors=True)
 

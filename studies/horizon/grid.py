@@ -49,6 +49,8 @@ LINEAR_METHODS = ("linear", "linear-random", *WORKERS)
 
 MAIN_SETTINGS = ("Ant-v3", "HalfCheetah-v3", "Hopper-v3@cleanrl", "Swimmer-v3", "Walker2d-v3@cleanrl")
 """One setting of each task: RL Zoo's, but CleanRL's for Hopper, which stands still under RL Zoo's, and Walker2d."""
+NOISY_START = ("Ant-v3",)
+"""Tasks that start with a standard deviation of 1, as their runs did; the preset has had less since."""
 
 CONSTANTS = tuple(f"constant:{c}" for c in range(0, 1001, 100))
 

@@ -28,7 +28,7 @@ from perdure.report.charts import save
 from perdure.runs import Store, Unit, Work
 from perdure.runs.progress import total_share
 from studies.files import include_tables, read_parquet_file, write_csv
-from studies.horizon.grid import GRIDS, PHASES, SWEPT, Grid, Row, make_grid
+from studies.horizon.grid import GRIDS, NOISY_START, PHASES, SWEPT, Grid, Row, make_grid
 from studies.horizon.results import (
     CLOCKS,
     EPISODES,
@@ -99,7 +99,10 @@ def _later_units(grid: Grid, row: Row, seed: int, training: Unit, path: Path) ->
 
 
 def train_run(grid: Grid, row: Row) -> TrainRun:
-    """Return the training run of a row; its units are those of `perdure train TASK --method METHOD --preset PRESET`."""
+    """Return the training run of a row; its units are those of `perdure train TASK --method METHOD --preset PRESET`.
+
+    For NOISY_START the command also has `--ppo.log-std-init 0`.
+    """
     from perdure.learn.run import TrainRun
 
     return TrainRun(row.task, row.method, row_config(grid, row), row.seeds, preset=row.preset)
@@ -108,6 +111,8 @@ def train_run(grid: Grid, row: Row) -> TrainRun:
 def row_config(grid: Grid, row: Row) -> PPOConfig:
     """Return the learner's settings of a row."""
     config = method_config(row.method, row.task, task_spec(row.task).observation_size, row.preset)
+    if row.task in NOISY_START:
+        config = replace(config, log_std_init=0.0)
     if grid.training_steps is not None:
         config = replace(config, total_steps=grid.training_steps)
     return config

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -9,7 +11,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from perdure.policy import load_policy
+from perdure.evaluate.reference import measure_idle
+from perdure.policy import Policy, load_policy
+from perdure.policy.onnx import export_onnx
 
 FIXTURES = Path(__file__).parents[1] / "policy" / "readers" / "fixtures"
 MODEL, STATISTICS = FIXTURES / "ppo.zip", FIXTURES / "ppo.pkl"
@@ -106,6 +110,66 @@ def test_a_module_named_in_env_is_imported(command, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     process = command("extrapolate", FIXTURES / "trpo.zip", "--env", "walls:Walled-v0", *SHORT, cwd=tmp_path)
     assert process.returncode == 0, process.stderr
+
+
+PAID = """
+import gymnasium
+import numpy as np
+
+class Paid(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-8.0, 8.0, (3,))
+    action_space = gymnasium.spaces.Box(-2.0, 2.0, (1,))
+    shown = np.array({shown}, np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.last = None
+        return self.shown, {{}}
+
+    def step(self, action):
+        changed = 0.0 if self.last is None else abs(action[0] - self.last)
+        self.last = action[0]
+        return self.shown, float(action[0] - 10.0 * changed), False, False, {{}}
+
+gymnasium.register("Paid-v0", Paid, max_episode_steps=20)
+"""
+"""Shows one observation, and pays the action: what a policy earns is known. Random actions earn less than none."""
+
+
+@pytest.fixture(scope="module")
+def two_models(tmp_path_factory):
+    """A folder with that environment, and what the two models do there, as Stable-Baselines3 recorded it."""
+    folder = tmp_path_factory.mktemp("two_models")
+    with np.load(FIXTURES / "actions.npz") as recorded:
+        actions = [recorded[name][:, 0] for name in ("trpo", "td3")]
+        place = np.flatnonzero((actions[0] > 0.2) & (actions[1] > 1.5 * actions[0]))[0]
+        shown = recorded["observations"][place].tolist()
+    (folder / "paid.py").write_text(PAID.format(shown=shown))
+    return folder, float(actions[0][place] / actions[1][place])
+
+
+@pytest.mark.parametrize("kind", ["zip", "onnx"])
+def test_two_models_are_compared(kind, two_models, command, monkeypatch):
+    folder, share = two_models
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setattr("perdure.evaluate.reference.measure_idle", partial(measure_idle, steps=100))
+    files = [FIXTURES / "trpo.zip", FIXTURES / "td3.zip"]
+    flags = ["--env", "paid:Paid-v0", "--steps", 20, "--disturb", "none", "--on", "here", "--json", "--out", kind]
+    if kind == "zip":
+        flags += ["--normalizer", "none"]
+    else:
+        files = [export_onnx(imported(path), folder / f"{path.stem}.onnx") for path in files]
+    process = command("compare", *files, *flags, cwd=folder)
+    assert process.returncode == 0, process.stderr
+    answer = json.loads(process.stdout)
+    assert answer["verdict"] == "better"
+    work = next(each for each in answer["measures"] if each["measure"] == "work")
+    assert work["b"]["estimate"] == pytest.approx(1.0)
+    assert work["a"]["estimate"] == pytest.approx(share, abs=1e-5)
+
+
+def imported(path):
+    return Policy.from_sb3(path, "gymnasium:Pendulum-v1", normalizer="none", measure=False)
 
 
 MISTAKES = {

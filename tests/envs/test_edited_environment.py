@@ -67,11 +67,11 @@ def policy(path):
 def test_lanes_of_an_edited_environment_are_run_again(package, tmp_path):
     path = policy(tmp_path / "policy.safetensors")
     asked = Extrapolation((path,), steps=30, eval_seeds=2, disturb=("none",), modules=("edited_worlds.corridor",))
-    first = evaluate_files(asked, Execution(tmp_path / "out", on="here")).final()["return"].to_list()
+    first = evaluate_files(asked, Execution(tmp_path / "out", on="here")).final["return"].to_list()
     assert first == [30.0, 30.0]
-    assert evaluate_files(asked, Execution(tmp_path / "out", on="here")).final()["return"].to_list() == first
+    assert evaluate_files(asked, Execution(tmp_path / "out", on="here")).final["return"].to_list() == first
     edit(package, reward=2.0)
-    assert evaluate_files(asked, Execution(tmp_path / "out", on="here")).final()["return"].to_list() == [60.0, 60.0]
+    assert evaluate_files(asked, Execution(tmp_path / "out", on="here")).final["return"].to_list() == [60.0, 60.0]
 
 
 def test_the_identity_of_a_training_run_has_the_whole_package(package):

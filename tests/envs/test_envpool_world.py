@@ -10,6 +10,7 @@ from worlds import trajectories
 from perdure.envs import make_world
 from perdure.envs.envpool import EnvPoolWorld
 from perdure.errors import PerdureError
+from perdure.schema import LARGEST
 
 SEEDS = [11, 12, 13]
 one_of_each = pytest.mark.parametrize("task", ["Hopper-v3", "HumanoidWalk-v1", "HandReach-v3"])
@@ -76,6 +77,13 @@ def test_a_fall_shows_the_fallen_robot_and_the_reset_a_standing_one() -> None:
             assert (np.abs(first[:, 0] - 1.25) <= 0.005).all()  # it starts at 1.25, give or take its reset noise
             assert (world.elapsed[fallen] == 0).all()
     assert falls >= 4
+
+
+@one_of_each
+def test_no_finite_reward_is_so_large_that_sums_overflow(task: str) -> None:
+    """Other worlds refuse a reward above `LARGEST`; EnvPool's number format cannot hold one."""
+    kind = build(task).pool.spec.state_array_spec["reward"].dtype
+    assert float(np.finfo(kind).max) < LARGEST
 
 
 def test_the_step_after_a_reset_obeys_its_action() -> None:

@@ -92,7 +92,7 @@ def test_the_reset_of_envpool_at_the_next_step_gives_the_returns_of_its_task():
         lasts += ~over
         over |= terminated | truncated
     options = {"steps": 200, "eval_seeds": EPISODES, "training_horizon": 50, "disturb": "none"}
-    found = perdure.extrapolate(swing, "envpool:Hopper-v4", **options).final()
+    found = perdure.extrapolate(swing, "envpool:Hopper-v4", **options).final
     assert found["end_step"].to_list() == lasts.tolist()
     np.testing.assert_allclose(found["return"], total, rtol=1e-12)
     assert (found["return"].to_numpy() != both).any(), "the control: without an eye on the reset they differ"

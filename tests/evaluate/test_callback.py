@@ -91,7 +91,7 @@ def test_it_logs_at_the_start_every_so_many_steps_and_at_the_end(module):
     learn(callback, model, 250)
     assert [step for step, _ in model.logger.dumped] == [0, 100, 200, 250]
     _, logged = model.logger.dumped[-1]
-    final = callback.result.final().filter(disturbance="none")
+    final = callback.result.final.filter(disturbance="none")
     assert logged["perdure/mean_return_calm"] == pytest.approx(final["return"].mean())
     assert len(final) == 3
     assert "perdure/holds_standard-1" in logged
@@ -197,7 +197,7 @@ def test_ppo_of_stable_baselines3_logs_its_verdict(tmp_path):
     options = {"steps": 300, "eval_seeds": 2, "disturb": "action_noise:0.1"}
     callback = perdure.VerdictCallback("Pendulum-v1", every_steps=2000, **options)
     model.learn(4096, callback=callback)
-    rows, final = pl.read_csv(tmp_path / "progress.csv"), callback.result.final()
+    rows, final = pl.read_csv(tmp_path / "progress.csv"), callback.result.final
     assert rows["time/total_timesteps"].drop_nulls().to_list() == list(range(512, 4097, 512))
     assert rows["train/loss"].is_not_null().any(), "what the library logs itself is still there"
     logged = rows.filter(pl.col("perdure/holds_action_noise:0.1").is_not_null())

@@ -83,7 +83,7 @@ def test_its_metrics_are_those_of_the_table(made):
     metrics = front_matter(card)["model-index"][0]["results"][0]["metrics"]
     assert len(metrics) == 4
     for clock in ("constant(500)", "constant(0)"):
-        episodes = result.final().filter((pl.col("policy") == "true") & (pl.col("clock") == clock))
+        episodes = result.final.filter((pl.col("policy") == "true") & (pl.col("clock") == clock))
         share, mean = (each for each in metrics if each["name"].endswith(f"{STEPS} steps, clock {clock}"))
         assert share["value"] == pytest.approx((episodes["outcome"] == "holds").mean(), abs=1e-4)
         assert (share["args"]["n"], share["args"]["interval_method"]) == (6, "Clopper-Pearson")

@@ -74,7 +74,7 @@ def test_a_named_disturbance_that_the_world_cannot_do_is_refused_and_one_of_the_
     with pytest.raises(PerdureError, match="MuJoCo"):
         extrapolate(calls.append, Falling, **asked, disturb="push:1")
     assert calls == []
-    found = extrapolate(lambda seen: np.zeros((len(seen), 1)), Falling, **asked, disturb="standard-1").final()
+    found = extrapolate(lambda seen: np.zeros((len(seen), 1)), Falling, **asked, disturb="standard-1").final
     assert found["not_applied"].to_list() == ["friction, mass, push, strength"]
     assert found["disturbance"].to_list() == ["standard-1"]
 
@@ -110,7 +110,7 @@ class Reach(Falling):
 def test_a_task_with_discrete_actions_or_a_goal_is_calm_and_says_so(env, act, why, monkeypatch):
     monkeypatch.setattr("perdure.evaluate.reference.measure_idle", partial(measure_idle, steps=20))
     with pytest.warns(PerdureWarning, match=f"standard-1, because .* has {why}"):
-        found = extrapolate(act, env, steps=20, eval_seeds=2, training_horizon=10).final()
+        found = extrapolate(act, env, steps=20, eval_seeds=2, training_horizon=10).final
     assert found["disturbance"].to_list() == ["none"] * 2
     assert why in found["not_applied"][0]
 
@@ -131,7 +131,7 @@ def test_conditions_stand_in_one_table_and_later_ones_run_alone(tmp_path):
     quiet = frame.filter(disturbance="action_noise:0")
     assert quiet["return"].equals(calm.frame["return"]), "no noise at all is calm"
     assert frame["step_seconds"].unique().to_list() == [0.008]
-    assert noisy.summary()["disturbance"].to_list() == ["action_noise:0", "action_noise:0.3"]
+    assert noisy.summary["disturbance"].to_list() == ["action_noise:0", "action_noise:0.3"]
     both = pl.concat([calm.frame, frame])
     lines = [group.line for group in make_groups(both)]
     assert lines == ["ppo", "ppo under action_noise:0", "ppo under action_noise:0.3"]
@@ -143,9 +143,9 @@ def test_calm_and_disturbed_episodes_of_other_lengths_share_a_table_a_report_and
     monkeypatch.setattr("perdure.evaluate.options.DISTURBED_SEEDS", 3)
     asked = Extrapolation(PPO, 150, eval_seeds=2)
     by_file = evaluate_files(asked, Execution(tmp_path / "file", on="here"))
-    shape = by_file.final().select("disturbance", "eval_seed", "test_horizon").rows()
+    shape = by_file.final.select("disturbance", "eval_seed", "test_horizon").rows()
     assert shape == [("none", 0, 150), ("none", 1, 150), *(("standard-1", seed, 90) for seed in range(3))]
-    assert by_file.final()["not_applied"].to_list() == [""] * 5
+    assert by_file.final["not_applied"].to_list() == [""] * 5
     assert read_table(by_file.path)[0].equals(by_file.frame.select(read_table(by_file.path)[0].columns))
     here = extrapolate(perdure.load_policy(PPO[0]), steps=150, eval_seeds=2)
     assert here.frame.drop("policy").equals(by_file.frame.drop("policy"))

@@ -29,7 +29,7 @@ from perdure.evaluate.episodes import split
 from perdure.evaluate.judge import read_judged
 from perdure.evaluate.reference import read_idle
 from perdure.evaluate.run import read_file
-from perdure.evaluate.stored import Source, Worlds, evaluate_group
+from perdure.evaluate.units import Source, Worlds, evaluate_group
 from perdure.horizon import Constant, Countdown, Periodic
 from perdure.policy import TaskInfo, find_policy, save_policy
 from perdure.report import read_table
@@ -64,7 +64,7 @@ def whole(evaluation, tmp_path_factory):
 
 
 def test_every_policy_runs_under_every_clock_it_can_read_from_every_start(whole):
-    episodes = whole.final().select("policy", "clock", "eval_seed").sort(pl.all()).rows()
+    episodes = whole.final.select("policy", "clock", "eval_seed").sort(pl.all()).rows()
     expected = [
         ("linear", clock, seed) for clock in ("constant(500)", "countdown(60)", "periodic(20)") for seed in (0, 1)
     ]
@@ -82,9 +82,9 @@ def groups(keys):
 
 
 def test_the_summary_has_a_row_for_each_policy_and_clock(whole):
-    summary = whole.summary()
+    summary = whole.summary
     assert summary["episodes"].to_list() == [2] * 4
-    episode = whole.final().filter(pl.col("policy") == "ppo")
+    episode = whole.final.filter(pl.col("policy") == "ppo")
     row = summary.filter(pl.col("policy") == "ppo")
     assert row["mean_return"].item() == pytest.approx(sum(episode["return"]) / 2)
     assert row["policy_state"].item() == "never worked"
@@ -100,7 +100,7 @@ def test_the_median_time_to_failure_is_that_of_kaplan_and_meier(whole):
             failed_step=ends["failed_step"].fill_null(60),
             outcome=pl.when(ends["failed_step"].is_null()).then(pl.lit("holds")).otherwise(pl.lit("falls")),
         )  # fmt: skip
-        return ExtrapolationResult(episodes, None).summary()["median_failed_step"].item()
+        return ExtrapolationResult(episodes, None).summary["median_failed_step"].item()
 
     assert median(10, 20, 30, 40) == 20.0
     assert median(10, 20, None, None) == 20.0
@@ -396,21 +396,21 @@ def test_a_policy_file_imports_no_module_that_the_user_has_not_named(tmp_path, m
 def test_a_disturbed_evaluation_does_not_replace_the_calm_one_and_resumes(tmp_path):
     """Calm episodes in one folder are not taken for disturbed ones; the same draws come whatever runs beside."""
     run = partial(Extrapolation, (Path("Hopper-v3/ppo"),), 300, eval_seeds=2)
-    quiet = evaluate_files(run(disturb=("none",)), Execution(tmp_path, on="here")).final()
+    quiet = evaluate_files(run(disturb=("none",)), Execution(tmp_path, on="here")).final
     both = ("push:0", "action_noise:0.2")
     with pytest.raises(PerdureError, match="another evaluation, which would be replaced"):
         evaluate_files(run(disturb=both), Execution(tmp_path, on="here"))
-    noisy = evaluate_files(run(disturb=both), Execution(tmp_path / "noisy", on="here")).final()
+    noisy = evaluate_files(run(disturb=both), Execution(tmp_path / "noisy", on="here")).final
     assert quiet["disturbance"].unique().to_list() == ["none"]
     assert noisy["disturbance"].unique().to_list() == ["action_noise:0.2 push:0"]
     assert (noisy["return"] != quiet["return"]).all()
-    alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), Execution(tmp_path / "again", on="here")).final()
+    alone = evaluate_files(run(disturb=both[::-1], max_episodes=1), Execution(tmp_path / "again", on="here")).final
     assert alone["return"].equals(noisy["return"])
     folder = tmp_path / "noisy"
     again = evaluate_files(
         run(disturb=both), Execution(folder, observe=lambda status: pytest.fail("nothing is left to run"))
     )
-    assert again.final()["return"].equals(noisy["return"])
+    assert again.final["return"].equals(noisy["return"])
     assert "ppo under action_noise:0.2 push:0" in str(again)
 
 
@@ -434,7 +434,7 @@ def test_other_raw_columns_are_simulated_again(policies, tmp_path, monkeypatch):
     small = calm(policies[:1], steps=5, eval_seeds=1)
     evaluate_files(small, Execution(tmp_path, on="here"))
     before = set(Store(tmp_path).keys("groups"))
-    monkeypatch.setattr("perdure.evaluate.stored.RAW_VERSION", "another")
+    monkeypatch.setattr("perdure.evaluate.units.RAW_VERSION", "another")
     evaluate_files(small, Execution(tmp_path, on="here"))
     assert len(before) == 1
     assert len(set(Store(tmp_path).keys("groups")) - before) == 1

@@ -82,7 +82,7 @@ class TestRecorder:
 class TestAnEpisodeThatEndsAtItsGoal:
     def test_is_a_success_with_its_time_and_no_fall(self):
         result, away = evaluated(approach), steps_to_goal()
-        episodes = result.final()
+        episodes = result.final
         assert set(episodes["outcome"]) == {"reaches its goal"}
         assert episodes["goal_first_step"].to_list() == episodes["end_step"].to_list() == away.tolist()
         assert set(episodes["goal_at_end"]) == {1.0}
@@ -92,7 +92,7 @@ class TestAnEpisodeThatEndsAtItsGoal:
         assert (verdict.label, verdict.short) == ("reaches its goal", f"reach: {said}")
         assert verdict.sentence.startswith(f"reach: {said}.")
         assert list(verdict.caveats) == ["met few disturbances"]
-        assert result.summary()["reaches_its_goal"].to_list() == [1.0]
+        assert result.summary["reaches_its_goal"].to_list() == [1.0]
 
     @pytest.mark.parametrize("count", [18, 17])
     def test_nine_in_ten_are_enough(self, count):
@@ -121,7 +121,7 @@ class TestAnEpisodeThatEndsAtItsGoal:
         assert verdict.label == "misses its goal"
         assert verdict.short == f"reach: misses its goal in {20 - reached} of 20 episodes"
         assert f"; reaches its goal in {reached} of 20 episodes, after " in verdict.sentence
-        assert set(result.final().filter(pl.col("end_step") == 60)["goal_first_step"]) == {math.inf}
+        assert set(result.final.filter(pl.col("end_step") == 60)["goal_first_step"]) == {math.inf}
         ((estimate,),) = estimate_table(result.frame).values()
         assert float(estimate.working.estimate[-1]) == 1.0, "none has failed, and none was left unwatched"
 
@@ -129,7 +129,7 @@ class TestAnEpisodeThatEndsAtItsGoal:
         """Episodes of 8 steps that say at their last one whether they succeeded, and go on after the first success."""
         result = evaluated(approach, ends=False, cut_after=8)
         away = steps_to_goal()
-        outcomes = np.array(result.final()["outcome"])
+        outcomes = np.array(result.final["outcome"])
         assert (outcomes == np.where(away <= 8, "reaches its goal", "cut")).all()
         assert set(outcomes) == {"reaches its goal", "cut"}
         assert set(estimate_table(result.frame)["Reach"][0].group.verdicts) == {"reaches its goal", "misses its goal"}
@@ -159,7 +159,7 @@ class TestAnEpisodeThatEndsAtItsGoal:
 class TestATaskThatGoesOn:
     def test_success_once_at_the_end_and_its_longest_stay_are_said(self):
         result, away = evaluated(approach, ends=False, sparse=False), steps_to_goal()
-        episodes = result.final()
+        episodes = result.final
         assert "reaches its goal" not in set(episodes["outcome"])
         assert episodes["goal_longest_stay"].to_list() == (61 - away).tolist()
         stays = np.sort(61 - away)
@@ -178,7 +178,7 @@ class TestATaskThatGoesOn:
 
     def test_staying_is_counted_by_the_wrapper_too(self):
         env = lambda: StayAtGoal(Reach(ends=False), steps=5)  # noqa: E731
-        found = perdure.extrapolate(approach, env, steps=60, eval_seeds=EPISODES, training_horizon=20).final()
+        found = perdure.extrapolate(approach, env, steps=60, eval_seeds=EPISODES, training_horizon=20).final
         assert found["goal_first_step"].to_list() == (steps_to_goal() + 4).tolist()
 
 
@@ -192,7 +192,7 @@ def test_a_time_limit_that_is_reported_as_a_termination_is_suspected():
     hint = "every episode ends at step 30: the environment may report its time limit as a termination"
     limited = evaluated(partial(approach, farthest=0), ends=False, falls_after=30)
     assert hint in verdict_of(limited).sentence
-    assert set(limited.final()["outcome"]) == {"falls"}
+    assert set(limited.final["outcome"]) == {"falls"}
     few = evaluated(partial(approach, farthest=0), ends=False, falls_after=30, episodes=7)
     assert "time limit" not in str(few), "seven may fall at one step by chance"
     falling = perdure.extrapolate(
@@ -206,8 +206,8 @@ class TestANamedInfo:
     def test_is_read_instead(self):
         env = partial(Reach, key="there")
         options = {"steps": 20, "eval_seeds": 3, "training_horizon": 20}
-        assert set(perdure.extrapolate(approach, env, **options).final()["outcome"]) == {"falls"}
-        found = perdure.extrapolate(approach, env, success="there", **options).final()
+        assert set(perdure.extrapolate(approach, env, **options).final["outcome"]) == {"falls"}
+        found = perdure.extrapolate(approach, env, success="there", **options).final
         assert set(found["outcome"]) == {"reaches its goal"}
 
     def test_is_noted_in_the_table_whoever_writes_it(self, tmp_path):
@@ -235,7 +235,7 @@ class TestANamedInfo:
             asked = Extrapolation((path,), 20, eval_seeds=2, disturb=("none",), success=success)
             return (
                 evaluate_files(asked, Execution(tmp_path / "out", on="here", cores=1))
-                .final()["goal_first_step"]
+                .final["goal_first_step"]
                 .to_list()
             )
 
@@ -260,10 +260,10 @@ class TestANamedInfo:
         def falls(success):
             asked = {"steps": 20, "eval_seeds": 2, "disturb": ("none",), "success": success}
             if in_process:
-                return perdure.extrapolate(policy, **asked).final()["training_falls"].to_list()
+                return perdure.extrapolate(policy, **asked).final["training_falls"].to_list()
             return (
                 evaluate_files(Extrapolation((path,), **asked), Execution(on="here", cores=1))
-                .final()["training_falls"]
+                .final["training_falls"]
                 .to_list()
             )
 

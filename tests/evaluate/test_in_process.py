@@ -43,7 +43,7 @@ def still(observations):
 
 def ends(result):
     """Return of each episode at its end, in the order of start states."""
-    return result.final()["return"].to_list()
+    return result.final["return"].to_list()
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ class TestWhatTheFunctionSees:
             return state[0, :, 0].astype(int), state
 
         result = extrapolate(remember, Cue, steps=50, eval_seeds=8, training_horizon=30, recurrent=True)
-        episodes = result.final()
+        episodes = result.final
         assert set(episodes["end_step"]) == {20, 50}
         assert episodes["return"].to_list() == episodes["end_step"].to_list()
         assert calls[30] == (True, True, True, 8), "a new closed loop begins without a state"
@@ -147,7 +147,7 @@ class TestWhatTheFunctionSees:
         result = extrapolate(
             lambda seen: np.maximum(seen[:, 0], 0).astype(int), Cue, steps=50, eval_seeds=8, training_horizon=30
         )
-        cue = result.final()["return"].to_numpy()
+        cue = result.final["return"].to_numpy()
         assert set(cue) <= {1.0, 20.0}
         assert (cue == 1.0).any()
 
@@ -164,10 +164,10 @@ class TestEnvironments:
             extrapolate(still, env, steps=70, eval_seeds=4)
             for env in (LIMITED, f"gymnasium:{LIMITED}", limited, vector, AsyncVectorEnv([limited] * 2), *wrapped)
         ]
-        lasts = tables[0].final()["end_step"].to_list()
+        lasts = tables[0].final["end_step"].to_list()
         assert max(lasts) > 10, "beyond the limit"
         for table in tables:
-            assert table.final()["end_step"].to_list() == lasts
+            assert table.final["end_step"].to_list() == lasts
             assert ends(table) == [n * (n + 1) / 2 for n in lasts], "reward k at step k"
         assert [table.frame["task"][0] for table in tables[:3]] == [f"gymnasium:{LIMITED}"] * 2 + [LIMITED]
         assert {table.frame["train_horizon"][0] for table in tables} == {10}
@@ -411,7 +411,7 @@ def test_episodes_of_many_start_states_are_independent_of_their_batch():
     few = extrapolate(still, Falling, steps=70, eval_seeds=3)
     many = extrapolate(still, Falling, steps=70, eval_seeds=60)
     assert ends(few) == ends(many)[:3]
-    lasts = many.final().select(pl.col("end_step"))["end_step"].to_numpy()
+    lasts = many.final.select(pl.col("end_step"))["end_step"].to_numpy()
     assert ends(many) == [n * (n + 1) / 2 for n in lasts], "reward k at step k"
 
 
@@ -454,7 +454,7 @@ def test_statistics_that_go_on_are_refused_and_those_of_training_are_not(wrapper
 
     with pytest.raises(PerdureError, match=r"running statistics \(\w+\) begin anew"):
         extrapolate(still, env(True), steps=5, eval_seeds=2)
-    assert len(extrapolate(still, env(False), steps=5, eval_seeds=2).final()) == 2
+    assert len(extrapolate(still, env(False), steps=5, eval_seeds=2).final) == 2
 
 
 @pytest.mark.parametrize(("name", "value"), [("on", "lokal"), ("cores", 0)])
@@ -466,7 +466,7 @@ def test_where_files_run_is_checked_for_functions_too(name, value):
 def test_what_a_world_cannot_do_of_the_standard_set_is_said():
     with pytest.warns(PerdureWarning, match="standard-1 is applied without .*push.*: .*Pendulum-v1 cannot do it"):
         result = extrapolate(still, "Pendulum-v1", steps=20, eval_seeds=2, training_horizon=20, disturb="standard-1")
-    (left_out,), (found,) = set(result.final()["not_applied"]), estimate_table(result.frame).values()
+    (left_out,), (found,) = set(result.final["not_applied"]), estimate_table(result.frame).values()
     assert "friction, mass, push, strength" in left_out
     assert found[0].group.condition == f"standard-1 without {left_out}"
     verdicts = [replace(each.verdict, label=label) for each in found for label in ("holds", "falls")]

@@ -223,7 +223,7 @@ import polars as pl
 frame = frame.with_columns(outcome=pl.lit("limps"))
 write_table(out / "episodes.parquet", frame, {})
 frame, notes = read_table(out / "episodes.parquet")
-print(ExtrapolationResult(frame, None).summary()["limps"].to_list())
+print(ExtrapolationResult(frame, None).summary["limps"].to_list())
 """
 )
 

@@ -31,7 +31,7 @@ def still(seen):
 
 
 def test_a_first_evaluation_seed_leaves_out_the_start_states_before_it():
-    many, some = run(still, Falling, eval_seeds=3).final(), run(still, Falling, eval_seeds=2, first_eval_seed=1).final()
+    many, some = run(still, Falling, eval_seeds=3).final, run(still, Falling, eval_seeds=2, first_eval_seed=1).final
     assert some["eval_seed"].to_list() == [1, 2]
     assert some["end_step"].to_list() == many["end_step"].to_list()[1:]
 
@@ -43,7 +43,7 @@ def test_seeds_of_the_disturbed_part_are_checked_at_the_door_too():
 
 def test_every_start_state_meets_its_own_disturbances():
     found = run(still, Falling, steps=4, eval_seeds=3, disturb="action_noise:0.1")
-    assert len(set(found.final()["return"])) == 3
+    assert len(set(found.final["return"])) == 3
 
 
 def test_reference_episodes_start_from_different_states():
@@ -58,7 +58,7 @@ def test_measures_belong_to_their_episode_whatever_the_type_of_the_number(kind):
         def step(self, action):
             return *super().step(action)[:4], {"heading_error": kind(self.lasts)}
 
-    found = run(still, Drifting, eval_seeds=4).final()
+    found = run(still, Drifting, eval_seeds=4).final
     assert found["heading_error"].to_list() == found["end_step"].to_list()
 
 

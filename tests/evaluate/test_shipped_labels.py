@@ -42,7 +42,7 @@ def test_a_label_is_true(tmp_path, name, clock):
     result = evaluate_files(asked, Execution(tmp_path, cores=1))
     verdicts = Counter(
         row["policy_state"] if row["policy_state"] != "worked" else row["outcome"]
-        for row in result.final().iter_rows(named=True)
+        for row in result.final.iter_rows(named=True)
     )
     assert verdicts.most_common(1)[0][0] == EXPECTED[name, clock]
 
@@ -67,7 +67,7 @@ def test_what_a_label_says_of_disturbances_is_true(tmp_path, name):
     asked = Extrapolation(
         (find_policy(name),), clocks=("constant:500",), first_eval_seed=3000, eval_seeds=5, disturb=("standard-1",)
     )
-    outcomes = Counter(evaluate_files(asked, Execution(tmp_path, cores=1)).final()["outcome"].to_list())
+    outcomes = Counter(evaluate_files(asked, Execution(tmp_path, cores=1)).final["outcome"].to_list())
     assert outcomes.most_common(1)[0][0] == DISTURBED[name]
 
 
@@ -83,5 +83,5 @@ def test_what_a_label_says_of_disturbances_is_true(tmp_path, name):
 )
 def test_what_is_said_of_36_disturbed_episodes_is_true(tmp_path, name, expected):
     asked = Extrapolation((find_policy(name),), clocks=("constant:500",), disturb=("standard-1",))
-    outcomes = evaluate_files(asked, Execution(tmp_path, cores=1)).final()["outcome"].to_list()
+    outcomes = evaluate_files(asked, Execution(tmp_path, cores=1)).final["outcome"].to_list()
     assert outcomes == [expected] * 36

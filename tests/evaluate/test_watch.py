@@ -21,17 +21,9 @@ from perdure.errors import PerdureError
 from perdure.evaluate import Execution, Extrapolation, evaluate_files
 from perdure.evaluate.options import Condition
 from perdure.evaluate.reference import idle_baseline, with_reference
+from perdure.evaluate.replay import RobotCamera, find_render_env, replay
 from perdure.evaluate.stills import STILL_SIZE, add_stills
-from perdure.evaluate.watch import (
-    BELOW,
-    SUBTITLE,
-    TITLE,
-    Judge,
-    RobotCamera,
-    find_render_env,
-    replay,
-    watch,
-)
+from perdure.evaluate.watch import BELOW, SUBTITLE, TITLE, Judge, watch
 from perdure.film import GAP, RED, strip_height
 from perdure.horizon import Constant
 from perdure.policy import find_policy, load_policy, save_policy

@@ -1,7 +1,7 @@
 """Presets: whose hyperparameters a method begins with."""
 
 import gc
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
@@ -19,6 +19,12 @@ def test_cleanrl_is_the_defaults_of_sb3_with_a_falling_step_size_on_every_task()
         assert (config.learning_rate, config.learning_rate_decay, config.clip_range) == (3e-4, "linear", 0.2)
         assert (config.protocol.gamma, config.gae_lambda, config.ent_coef) == (0.99, 0.95, 0.0)
         assert (config.hidden_sizes, config.activation, config.log_std_init) == ((64, 64), "tanh", 0.0)
+
+
+def test_ant_starts_with_less_noise_and_other_tasks_of_the_zoo_s_defaults_do_not():
+    ant = method_config("geometric", "gymnasium:Ant-v5", 105)
+    assert ant == replace(method_config("geometric", "Pusher-v4", 105), log_std_init=-1.0)
+    assert method_config("geometric", "Ant-v3", 111, "cleanrl").log_std_init == 0.0
 
 
 def test_an_undiscounted_method_keeps_the_gamma_of_the_reward_normalizer():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -17,15 +18,17 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
-from perdure.errors import OtherSourceWarning, PerdureError
+from perdure.errors import OtherSourceWarning, PerdureError, PerdureWarning
 from perdure.horizon import Geometric, HorizonProtocol, Uniform
 from perdure.learn import PPOConfig, TrainRun, on_report, train
 from perdure.learn.checkpoint import load_checkpoint, save_checkpoint
-from perdure.learn.run import Segments, kept_steps, tensorboard
+from perdure.learn.progress import tensorboard
+from perdure.learn.run import Segments, kept_steps
 from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"
-SEGMENT = 128
+NOISES = ("action_delay:1", "action_noise:0.5", "observation_noise:0.2")
+SEGMENT = 192
 TINY = PPOConfig(
     protocol=HorizonProtocol(Geometric(3), Uniform(5, 20), "terminated", gamma=1.0, normalizer_gamma=1.0),
     n_envs=2,
@@ -76,7 +79,7 @@ def solo(tmp_path_factory):
 
 def test_a_run_leaves_curves_of_every_iteration_and_of_episodes_inside_the_horizon_law(solo):
     folder = solo / run(1).key(1)
-    assert pl.read_parquet(folder / "iterations.parquet")["step"].to_list() == [64, 128, 192, 256]
+    assert pl.read_parquet(folder / "iterations.parquet")["step"].to_list() == [64, 128, 192, 256, 320, 384]
     lengths = pl.read_parquet(folder / "episodes.parquet")["length"]
     assert len(lengths) > 10
     assert lengths.max() <= 20
@@ -86,10 +89,10 @@ def test_a_run_killed_in_the_middle_of_a_segment_and_started_again_leaves_the_sa
     with pytest.raises(Killed):
         train(run(1), tmp_path, cores=1, observe=die_at(SEGMENT + 64, 1))
     assert not (tmp_path / run(1).key(1)).exists(), "an unfinished run must not look finished"
-    assert kept_steps(run(1), tmp_path) == {1: SEGMENT}
+    assert kept_steps(run(1), tmp_path) == {1: SEGMENT + 64}
     seen = []
     train(run(1), tmp_path, cores=1, observe=on_report(run(1), lambda report: seen.append(report.step)))
-    assert seen[0] == SEGMENT + 64, "the run must go on from its last checkpoint, not from the start"
+    assert seen[0] == SEGMENT + 128, "the run must go on from its last checkpoint, not from the segment's beginning"
     assert files(tmp_path, 1) == files(solo, 1)
     assert kept_steps(run(1), tmp_path) == {}, "a finished run has no checkpoint"
 
@@ -117,24 +120,42 @@ def same(one, other):
     return all((one[name] == other[name]).all() for name in one)
 
 
-def test_a_disturbed_run_that_was_killed_is_the_run_that_was_not(solo, tmp_path):
-    kinds = ("action_noise:0.5", "observation_noise:0.2", "action_delay:1")
-    noisy, calm = replace(run(1), disturb=kinds), solo / run(1).key(1) / "policy.safetensors"
-    (whole,) = train(noisy, tmp_path / "whole", cores=1)
+@pytest.mark.parametrize(
+    ("task", "disturb"),
+    [(TASK, NOISES), ("gymnasium:InvertedPendulum-v5", ()), ("gymnasium:InvertedPendulum-v5", NOISES)],
+)
+def test_a_run_killed_in_its_first_segment_keeps_its_iterations_and_leaves_the_same_bytes(
+    solo, tmp_path, monkeypatch, task, disturb
+):
+    monkeypatch.setattr("perdure.learn.partial.SECONDS", 0.0)
+    monkeypatch.setattr("perdure.learn.partial.LARGEST_SHARE", math.inf)
+    one = replace(run(1), task=task, disturb=disturb, config=replace(TINY, total_steps=SEGMENT))
+    (whole,) = train(one, tmp_path / "whole", cores=1)
+    seen = []
+
+    def die(report):
+        seen.append(report.step)
+        if report.step == 2 * 64:
+            raise Killed
+
     with pytest.raises(Killed):
-        train(noisy, tmp_path / "killed", cores=1, observe=die_at(SEGMENT + 64, 1))
-    train(noisy, tmp_path / "killed", cores=1)
-    assert files(tmp_path / "killed", 1) == files(tmp_path / "whole", 1)
-    assert load_policy(whole).provenance["disturb"] == sorted(kinds)
-    assert not same(weights(calm), weights(whole))
-    with pytest.raises(PerdureError, match="disturb"):
-        train(run(1), tmp_path / "whole")
+        train(one, tmp_path / "killed", cores=1, observe=on_report(one, die))
+    assert kept_steps(one, tmp_path / "killed") == {1: 2 * 64}
+    (killed,) = train(one, tmp_path / "killed", cores=1, observe=on_report(one, die))
+    assert seen == [64, 128, 192]
+    for name in LEFT_BEHIND:
+        assert killed.with_name(name).read_bytes() == whole.with_name(name).read_bytes()
+    assert not killed.with_name("partial.safetensors").exists()
+    assert load_policy(whole).provenance.get("disturb", []) == list(disturb)
+    assert not same(weights(solo / run(1).key(1) / "policy.safetensors"), weights(whole))
 
 
 def test_noise_of_level_0_trains_what_the_calm_run_trains(solo, tmp_path):
-    """Though the world is stepped from Python and not by XLA."""
+    """Though the world is stepped from Python and not by XLA. It is another run all the same."""
     (path,) = train(replace(run(1), disturb=("action_noise:0",)), tmp_path, cores=1)
     assert same(weights(solo / run(1).key(1) / "policy.safetensors"), weights(path))
+    with pytest.raises(PerdureError, match="disturb"):
+        train(run(1), tmp_path)
 
 
 def test_pushes_are_trained_in_gymnasiums_copy_for_a_policy_of_the_task_itself():
@@ -232,6 +253,30 @@ class TestCheckpointFiles:
             save_checkpoint(before, tmp_path / "c")
             state = runner.run(load_checkpoint(tmp_path / "c", chain[0]), lambda step, facts: None)
             assert bits(state) == bits(expected)
+
+    @pytest.fixture
+    def partial(self, runner, chain, tmp_path):
+        """What a run leaves that is killed after the first iteration of its first segment."""
+
+        def die(step, facts):
+            raise Killed
+
+        with pytest.raises(Killed):
+            runner.run(copy(chain[0]), die, tmp_path / "p")
+        return tmp_path / "p"
+
+    def test_a_partial_checkpoint_that_was_not_removed_means_nothing_in_the_next_segment(self, runner, chain, partial):
+        assert bits(runner.run(copy(chain[1]), lambda step, facts: None, partial)) == bits(chain[2])
+
+    def test_environments_that_do_not_repeat_what_they_did_are_trained_again(self, runner, chain, partial):
+        """As those do that draw random numbers of their own: here the recorded actions are others."""
+        arrays = load_file(partial)
+        with safe_open(partial, framework="numpy") as file:
+            header = file.metadata()
+        save_file({**arrays, "sent/actions": -arrays["sent/actions"]}, partial, header)
+        with pytest.warns(PerdureWarning, match="again from step 0"):
+            state = runner.run(copy(chain[0]), lambda step, facts: None, partial)
+        assert bits(state) == bits(chain[1])
 
     def test_segments_differ_so_that_equal_files_prove_something(self, chain):
         weights = [np.asarray(state.learner.params["policy.0.weight"]) for state in chain]

@@ -30,7 +30,8 @@ CHROMIUM = next(
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "does-my-sb3-agent-hold.md"
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update "
-    "--disable-sync --disable-quic --virtual-time-budget=8000 --enable-logging=stderr --v=0 --dump-dom"
+    "--disable-sync --disable-quic --window-size=1600,1000 "
+    "--virtual-time-budget=8000 --enable-logging=stderr --v=0 --dump-dom"
 )
 
 
@@ -497,6 +498,7 @@ class TestInABrowser:
         assert shown.count("<figure id=") == shown.count('class="marks"') >= 4
         assert shown.count("always C steps to go") >= 1
         assert console == []
+        assert '<p class="cue">' not in shown, "no table scrolls sideways"
 
     def test_an_injected_script_does_not_run(self, synthetic, tmp_path):
         page = write_report(half_fall(synthetic), tmp_path, "x", ())

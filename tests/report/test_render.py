@@ -1,6 +1,7 @@
 """One specification as PNG, SVG, PDF and in a page."""
 
 import json
+import re
 
 import altair
 import jsonschema
@@ -44,6 +45,31 @@ def test_the_picture_holds_title_note_and_labels(figure):
     svg = render(figure, "svg").decode()
     for words in ("Task: What is seen", "The note.", "method &amp; &lt;clock&gt;", "steps", "reward"):
         assert words in svg
+
+
+@pytest.mark.parametrize("end", ["top", "bottom"])
+def test_a_name_of_several_lines_stays_beside_the_area_between_the_axes(end):
+    steps = np.array([1.0, 2.0, 3.0])
+    name = "a method with a long name of several lines"
+    look = charts.style(0)
+    curve = Curve(name, steps, steps if end == "top" else -steps, look)
+    svg = render(Figure("f", "t", curve_chart([curve], Axis("steps"), Axis("reward"))), "svg").decode()
+    pattern = rf'translate\([\d.]+,([\d.]+)\)"[^>]*fill="{look.color}"><tspan>(.*?)</text>'
+    ((first, lines),) = re.findall(pattern, svg)
+    below = [float(each) for each in re.findall(r'dy="([\d.]+)"', lines)]
+    assert below
+    assert 0 < float(first) < float(first) + sum(below) <= charts.HEIGHT
+
+
+@pytest.mark.parametrize(("width", "left_out"), [(900, 0), (150, 1)])
+def test_numbers_at_risk_do_not_touch_each_other(width, left_out):
+    steps = np.array([1.0, 10.0, 100.0, 300.0])
+    watched = Curve("a", steps, steps, charts.style(0), watched=np.full(77, 300.0))
+    chart = curve_chart([watched], Axis("steps", log=True, low=1.0, high=300.0), Axis("reward"), width=width)
+    svg = render(Figure("f", "t", chart), "svg").decode()
+    numbers = re.findall(r"<text[^>]*>77</text>", svg)
+    assert len(numbers) == 4
+    assert sum('opacity="0"' in each for each in numbers) == left_out
 
 
 def test_an_unknown_format_is_refused(figure):

@@ -26,7 +26,7 @@ def disturbed(ends):
 
 
 def group(found):
-    return json.loads(summary_json(found, Path("t"), Path("p")))["groups"][0]
+    return json.loads(summary_json(found, Path("t"), Path("p"), {}))["groups"][0]
 
 
 def cell(frame, column):

@@ -24,7 +24,7 @@ def mixed(synthetic):
 
 
 def test_the_document_says_what_the_table_says(mixed, tmp_path):
-    document = json.loads(summary_json(estimate_table(mixed), tmp_path / "episodes.parquet", Path("report.html")))
+    document = json.loads(summary_json(estimate_table(mixed), tmp_path / "episodes.parquet", Path("report.html"), {}))
     calm, disturbed = document["groups"]
     assert document["holds"] is False
     assert Path(document["page"]).is_absolute()
@@ -45,7 +45,7 @@ def test_the_document_says_what_the_table_says(mixed, tmp_path):
 
 
 def test_every_name_is_in_the_reference(mixed):
-    document = json.loads(summary_json(estimate_table(mixed), Path("t"), Path("p")))
+    document = json.loads(summary_json(estimate_table(mixed), Path("t"), Path("p"), {}))
     page = (Path(__file__).parents[2] / "docs" / "reference" / "json.md").read_text()
     assert [name for name in (*document, *document["groups"][0]) if f"`{name}`" not in page] == []
 

@@ -31,20 +31,20 @@ def test_the_table_has_the_measures(result):
     assert frame.columns == [*COLUMNS, *MEASURES]
     assert frame.equals(result.frame.select(frame.columns))
     for name in MEASURES:
-        values = result.final()[name].to_numpy()
+        values = result.final[name].to_numpy()
         assert np.isfinite(values).all()
         assert len(set(values)) == 2  # of two start states
     assert frame["step_seconds"].unique().to_list() == [pytest.approx(0.05)]
 
 
 def test_the_verdict_and_the_summary_speak_of_the_walk(result, tmp_path):
-    medians = {name: float(np.median(result.final()[name])) for name in MEASURES}
+    medians = {name: float(np.median(result.final[name])) for name in MEASURES}
     text = str(result)
     assert medians["heading_error"] > 10.0
     shown = {name: wording.quantity(value) for name, value in medians.items()}
     assert f"turns {shown['heading_error']} degrees a minute from its commanded heading" in text
     assert f"drifts {shown['lateral_drift']} m a minute" in text
-    (group,) = json.loads(summary_json(estimate_table(result.frame), tmp_path, tmp_path))["groups"]
+    (group,) = json.loads(summary_json(estimate_table(result.frame), tmp_path, tmp_path, {}))["groups"]
     assert group["measures"] == pytest.approx(medians)
 
 

@@ -253,7 +253,8 @@ def robot(
         text = draft(contract, policy, out.parent)
         print(write_atomic(out, text.encode()))
         marked = text.count(f"# {MARK}")
-        print(f"{marked} places to complete (# {MARK}); then: perdure robot check {out} --policy policy.onnx")
+        given = policy or "policy.onnx"
+        print(f"{marked} places to complete (# {MARK}); then: perdure robot check {out} --policy {given}")
         return
     from perdure.robots.check import check
 

@@ -75,8 +75,6 @@ def extrapolate(flags: Flags, command: str) -> None:
         result = _evaluate_function(flags, command) if function else _evaluate_files(flags, command)
     table = result.path
     states = result.frame["policy_state"].unique().to_list()
-    if result.stopped:
-        _tell(f"stopped early, {result.stopped}")
     del result  # the report needs the memory
     assert table is not None
     if flags.normalizer == "none" and NeverWorked.name in states:
@@ -197,6 +195,7 @@ def write_and_show(
     from perdure.evaluate.judge import read_judged
     from perdure.report import estimate_table, read_episodes, summary_text, write_report
     from perdure.report.page import REQUIREMENTS, STILLS, summary_json
+    from perdure.report.schema import early_stop
 
     if judged:
         episodes, notes = read_episodes(table)
@@ -206,10 +205,13 @@ def write_and_show(
     del episodes  # of a large table
     if not as_json:
         print(summary_text(estimates))
+    stopped = early_stop(notes)
+    if stopped is not None:
+        _tell(str(stopped))
     command = notes.get("command", "")
     files = named_files(command)
     page = write_report(estimates, out, command, formats, notes, table.parent / STILLS, files).resolve()
-    print(summary_json(estimates, table, page) if as_json else f"\nReport: {page}")
+    print(summary_json(estimates, table, page, notes) if as_json else f"\nReport: {page}")
     missed = [] if require is None else REQUIREMENTS[require](estimates)
     if missed:
         print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)

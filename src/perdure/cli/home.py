@@ -350,7 +350,7 @@ def train(
         paths = train(training.run(skill), out, cores=cores, on=on, observe=show)
     for path in paths:
         score = evaluate_skill(load_policy(path), skill, test_episodes, task=training.task, **options)
-        print(f"{path}\n  {score.summary()}")
+        print(f"{path}\n  {score.summary}")
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def policy_text(subject: Policy) -> str:
         "within T": _within(subject),
     }
     lines = [f"{name:17} {value}" for name, value in rows.items()]
-    provenance = {k: v for k, v in subject.provenance.items() if k != "config"}
+    provenance = {k: v for k, v in subject.provenance.items() if k not in ("config", "stages")}
     return "\n".join([*lines, "", json.dumps(provenance, indent=2)])
 
 

@@ -58,11 +58,8 @@ def _sides(
     from perdure.report.schema import IMPORTED
 
     models = [each for side in found for each in side if not isinstance(each, Path)]
-    if sb3["normalizer"] and len(models) > 1:
-        raise PerdureError(
-            f"--normalizer {sb3['normalizer']}: it belongs to one model, and {len(models)} are given: evaluate one at "
-            "a time, or import each first (perdure import)"
-        )
+    if len(models) > 1:
+        _refuse_shared(sb3["normalizer"], len(models))
     options = dict(sb3)
     if not any(map(is_onnx, names)):  # which take these two flags themselves
         options |= {"env": env, "training_horizon": horizon}
@@ -106,6 +103,17 @@ def _found(name: str) -> Sequence[Path | FoundModel]:
         if models:
             return models
     return [find_policy(name)]
+
+
+def _refuse_shared(normalizer: str | None, count: int) -> None:
+    """Refuse the file of a normalizer for several models; "none" is true of all of them."""
+    from perdure.policy.readers.sb3_import import NO_NORMALIZER
+
+    if normalizer not in (None, NO_NORMALIZER):
+        raise PerdureError(
+            f"--normalizer {normalizer}: it belongs to one model, and {count} are given: evaluate one at a time, or "
+            "import each first (perdure import)"
+        )
 
 
 def _refuse_flags(flags: Sequence[str], names: Sequence[str]) -> None:

@@ -119,8 +119,9 @@ def train_command(
             settings: The learner's settings; the defaults are those of task and method.
         """
         from perdure.disturbances import STANDARDS, parse_disturbance, parse_disturbances
-        from perdure.learn.run import TrainRun, on_report
-        from perdure.learn.run import tensorboard as curves
+        from perdure.learn.progress import on_report
+        from perdure.learn.progress import tensorboard as curves
+        from perdure.learn.run import TrainRun
         from perdure.learn.run import train as train_run
         from perdure.runs.progress import show_progress
 
@@ -158,19 +159,23 @@ def _say_what_is_kept(run: TrainRun, out: Path) -> Iterator[None]:
     """Print where each seed resumes, and give an interruption of the block the words of what checkpoints keep."""
     from perdure.learn.run import kept_steps
 
+    segment = run.config.segment_iterations * run.config.iteration_steps
     for seed, count in kept_steps(run, out).items():
+        replayed = count % segment
+        how = ""
+        if replayed:
+            how = f", after simulating the last {replayed:,} again without learning"
         if count:
-            print(f"perdure: seed {seed} resumes at step {count:,}", file=sys.stderr)
+            print(f"perdure: seed {seed} resumes at step {count:,}{how}", file=sys.stderr)
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        every = run.config.segment_iterations * run.config.iteration_steps
         words = []
         for seed, count in kept_steps(run, out).items():
             if count:
                 words.append(f"seed {seed} up to step {count:,}")
             else:
-                words.append(f"nothing of seed {seed} (its first checkpoint comes after {every:,} steps)")
+                words.append(f"nothing of seed {seed}, which has no checkpoint yet")
         interrupt.add_note(f"kept: {', '.join(words) or 'everything'}; run the same command to continue")
         raise
 

@@ -83,6 +83,8 @@ class EnvPoolWorld(TrackedWorld):
         self.pool._send([ids, ids, clipped])
         state = self.pool._recv()  # rows in the order of `ids`
         observations = self._flat(state)
+        # EnvPool rounds rewards to single precision: those beyond its range, 3.4e38, are infinite. No finite one can
+        # exceed `perdure.schema.LARGEST`, which other worlds check.
         rewards = state[self._reward].astype(np.float64)
         done = state[self._done]
         truncated = state[self._trunc]

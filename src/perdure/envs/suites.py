@@ -300,7 +300,8 @@ def unknown_task(task: str, known: Iterable[str], meant: tuple[str, ...] = ()) -
     """Return the error that no suite knows a task, with the nearest names among the `known`, after those `meant`."""
     return PerdureError(
         f"there is no task named {task!r}: `perdure list tasks` shows them, any Gymnasium environment works as "
-        "gymnasium:<id>, and one that your own module registers as gymnasium:<module>:<id>"
+        "gymnasium:<id>, and one that a package or your own module registers as gymnasium:<module>:<id>, such as "
+        "gymnasium:gymnasium_robotics:FetchReach-v4"
         f"{did_you_mean(task, known, 3, meant)}"
     )
 

@@ -59,7 +59,7 @@ class WorldSlot:
         """Error that the world raised inside the program, whose results then mean nothing."""
 
     def fill(self, world: World) -> None:
-        """Put in a world that has been reset. Only the program may step it until :meth:`clear`."""
+        """Put in a world that has been reset. Once the program runs, only it may step it until :meth:`clear`."""
         self._world = world
         self.error = None
         with jax.enable_x64(True):  # EnvPool's functions need 64 bits

@@ -21,8 +21,9 @@ from perdure.errors import PerdureError, lookup
 from perdure.evaluate.early import FIRST_SEEDS
 from perdure.evaluate.options import DISTURBED_SEEDS, DISTURBED_STEPS, Condition, Extrapolation
 from perdure.evaluate.run import file_subjects, load, read_options, subject_here
-from perdure.evaluate.stored import Evaluator, Execution, Subject, Worlds, open_evaluator
+from perdure.evaluate.stored import Evaluator, open_evaluator
 from perdure.evaluate.table import file_note, made_with, train_seed
+from perdure.evaluate.units import Execution, Subject, Worlds
 from perdure.policy import Policy, find_policies
 from perdure.policy.onnx import is_onnx
 from perdure.report import write_table

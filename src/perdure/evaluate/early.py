@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from perdure.evaluate.options import Condition
 from perdure.report.estimates import cannot_hold
 from perdure.report.groups import make_groups
+from perdure.report.schema import EarlyStop
 
 if TYPE_CHECKING:
     import polars as pl
@@ -38,14 +39,16 @@ def parts(conditions: Sequence[Condition]) -> Iterator[list[Condition]]:
         yield short
 
 
-def why_stopped(frame: pl.DataFrame, part: Sequence[Condition], conditions: Sequence[Condition], total: int) -> str:
-    """Return why no remaining episode can make every policy hold; "" while they can.
+def find_stop(
+    frame: pl.DataFrame, part: Sequence[Condition], conditions: Sequence[Condition], planned: int
+) -> EarlyStop | None:
+    """Return why no remaining episode can make every policy hold; None while they can.
 
     Args:
         frame: Judged episodes.
         part: Their conditions.
         conditions: All conditions of the evaluation.
-        total: Episodes of the evaluation.
+        planned: Episodes of the evaluation.
     """
     seen = {each.label: each.eval_seeds for each in part}
     asked = {each.label: each.eval_seeds for each in conditions}
@@ -54,8 +57,9 @@ def why_stopped(frame: pl.DataFrame, part: Sequence[Condition], conditions: Sequ
         missed = cannot_hold(group, in_all)
         if missed:
             ran = frame.filter(frame["step"] == frame["test_horizon"]).height
-            return (
-                f"after {ran} of {total} episodes: {missed} of {group.episodes} episodes of {group.label} do not hold, "
+            reason = (
+                f"{missed} of {group.episodes} episodes of {group.label} do not hold, "
                 f"so fewer than nine in ten of {in_all} can"
             )
-    return ""
+            return EarlyStop(ran, planned, reason)
+    return None

@@ -16,8 +16,9 @@ from perdure.errors import PerdureError, did_you_mean
 from perdure.evaluate.episodes import FIRST_EVAL_SEED
 from perdure.evaluate.options import OWN_CLOCK, Extrapolation
 from perdure.evaluate.reference import task_env
-from perdure.evaluate.stored import Execution, Source, Subject, Worlds, evaluate
+from perdure.evaluate.stored import evaluate
 from perdure.evaluate.table import ExtrapolationResult, method_label, train_seed
+from perdure.evaluate.units import Execution, Source, Subject, Worlds
 from perdure.policy import FunctionPolicy, Policy, PolicyLike, TaskInfo, find_policy, load_policy
 from perdure.policy.onnx import OnnxModel, is_onnx, model_digest
 from perdure.policy.reference import resolve_training_horizon

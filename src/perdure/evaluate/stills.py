@@ -17,18 +17,10 @@ from perdure.envs.disturbances import disturbed_task
 from perdure.envs.gymnasium import engine_of
 from perdure.envs.suites import GYMNASIUM_PREFIX, is_contract
 from perdure.evaluate.reference import task_env, with_reference
+from perdure.evaluate.replay import Camera, JudgedEpisode, find_render_env, make_camera, replay, step_seconds
 from perdure.evaluate.run import read_file
 from perdure.evaluate.table import file_note
-from perdure.evaluate.watch import (
-    BELOW,
-    SUBTITLE,
-    Camera,
-    JudgedEpisode,
-    find_render_env,
-    make_camera,
-    replay,
-    step_seconds,
-)
+from perdure.evaluate.watch import BELOW, SUBTITLE
 from perdure.film import GRAY, INK, RED, Picture, annotate, save_picture, tile
 from perdure.horizon import parse_clock
 from perdure.policy.onnx import model_digest

@@ -9,9 +9,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
 from perdure.evaluate.episodes import SURVIVED, EpisodeRecords, EpisodeSpec
@@ -20,7 +22,7 @@ from perdure.evaluate.options import Condition
 from perdure.horizon import usual_preset
 from perdure.policy import PolicyLike
 from perdure.report.outcomes import outcome_words
-from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS
+from perdure.report.schema import END_REASONS, FILE_NOTE, GOALS, STOPPED_NOTE, EarlyStop
 from perdure.runs import versions
 
 if TYPE_CHECKING:
@@ -49,13 +51,14 @@ class ExtrapolationResult:
     """What the rewards of each policy are compared with: stored beside the table, which can then be judged again."""
     success: str = ""
     """The `success` of the evaluation; "": the environment's own entry."""
-    stopped: str = ""
-    """Why the evaluation ended before all of its episodes; "" if it did not."""
+    stopped: EarlyStop | None = None
+    """How the evaluation ended before all of its episodes; None if it did not."""
 
     def __str__(self) -> str:
         from perdure.report import summary_text
 
-        return summary_text(self.frame)
+        text = summary_text(self.frame)
+        return text if self.stopped is None else f"{text}\n\nThe evaluation {self.stopped}."
 
     def write(self, out: str | Path, command: str = "") -> Path:
         """Write the table and its report into a folder; return the page.
@@ -74,8 +77,8 @@ class ExtrapolationResult:
         from perdure.report import write_table
 
         notes = {"command": command, "success": self.success, **made_with(), **self.files}
-        if self.stopped:
-            notes["stopped"] = self.stopped
+        if self.stopped is not None:
+            notes[STOPPED_NOTE] = msgspec.json.encode(self.stopped).decode()
         if self.baselines:
             notes |= write_baselines(Path(out), self.baselines)
         return write_table(Path(out) / TABLE_FILE, self.frame, notes), notes
@@ -96,14 +99,16 @@ class ExtrapolationResult:
 
         return not not_clean(estimate_table(self.frame))
 
+    @cached_property
     def final(self) -> pl.DataFrame:
-        """Return one row for each episode: its values at the last recorded step."""
+        """One row for each episode: its values at the last recorded step."""
         import polars as pl
 
         return self.frame.filter(pl.col("step") == pl.col("test_horizon"))
 
+    @cached_property
     def summary(self) -> pl.DataFrame:
-        """Return one row for each policy, clock and disturbance: episodes, returns, shares of outcomes, failures.
+        """One row for each policy, clock and disturbance: episodes, returns, shares of outcomes, failures.
 
         The median is that of the Kaplan-Meier curve; null where less than half of the episodes failed. `policy_state`
         names every state of the policies in the row, such as "never worked, worked".
@@ -114,7 +119,7 @@ class ExtrapolationResult:
 
         shown = outcome_words(in_table=True, shown_as="")
         keys = ["task", "policy", "clock", "disturbance"]
-        episodes = self.final().with_columns(verdict=episode_verdicts())
+        episodes = self.final.with_columns(verdict=episode_verdicts())
         medians = [
             half_failed_by(part["verdict"].to_list(), part["failed_step"].to_numpy())
             for part in episodes.partition_by(keys, maintain_order=True)

@@ -18,8 +18,12 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     """Load the training code, and with it JAX, only at its first use."""
-    if name in ("train", "TrainRun", "Report", "on_report"):
-        from perdure.learn import run as module
+    if name in ("train", "TrainRun"):
+        from perdure.learn import run
 
-        return getattr(module, name)
+        return getattr(run, name)
+    if name in ("Report", "on_report"):
+        from perdure.learn import progress
+
+        return getattr(progress, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,9 +6,10 @@ TASK --method NAME` finds it by its name, also in another package (`perdure.regi
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -24,17 +25,36 @@ if TYPE_CHECKING:
     from perdure.policy import Policy
 
 
+class Sent(NamedTuple):
+    """What one iteration sent to its environments, stepped all together: it leads new ones to the same state."""
+
+    actions: NDArray[np.float32]
+    """Before they were cut to the action box, shape (steps, n_envs, action_size); the same steps in every iteration."""
+    done: NDArray[np.bool_]
+    """Which environments were reset after the step, shape (steps, n_envs)."""
+    observations: NDArray[np.float64]
+    """Where that led, shape (n_envs, observation_size): after the last step and its resets."""
+
+
 class Metrics(NamedTuple):
-    """What one iteration reports for the learning curves."""
+    """What one iteration reports: learning curves, and what a checkpoint within a segment needs."""
 
     episodes: NDArray[np.float64]
     """A row (step, return, length) for each training episode that ended, shape (episodes, 3)."""
     diagnostics: dict[str, float]
     """The algorithm's own numbers, such as its losses."""
+    facts: Mapping[str, float] = {}
+    """Further numbers for `Configuration.advice`, reported until the segment ends. Their names have a slash."""
+    sent: Sent | None = None
+    """None: the run has checkpoints between segments only."""
 
 
 class Algorithm(Protocol):
-    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores."""
+    """Learns one task under one configuration. `state` is a tree of arrays, which is all that a checkpoint stores.
+
+    A checkpoint within a segment needs two things more: `Metrics.sent`, and running environments that are such a tree,
+    too. What is no array in it (static fields, see `jax.tree_util.register_dataclass`) comes from `start`.
+    """
 
     @property
     def diagnostics(self) -> tuple[str, ...]:
@@ -66,7 +86,7 @@ class Configuration(Registered):
     n_envs: int
     """Environments of one seed, stepped side by side."""
     segment_steps: int
-    """Steps between checkpoints, rounded to whole iterations."""
+    """Steps between renewals of the environments, where a checkpoint needs no replay; rounded to whole iterations."""
     presets: ClassVar[tuple[str, ...]] = ()
     """Names of its sets of tuned hyperparameters; () where it has one set of defaults."""
 
@@ -106,6 +126,14 @@ class Configuration(Registered):
         """Return settings with which training may continue a policy; by default it cannot."""
         raise PerdureError(f"--from: {self.name} cannot continue a policy")
 
+    def stages(self, task: str) -> tuple[Stage, ...]:
+        """Return the parts of a training run on a task; by default it has one, with these settings."""
+        return (Stage(self),)
+
+    def advice(self, facts: Mapping[str, float]) -> str:
+        """Return what the user should know, from `Metrics.facts`, as a sentence without a period; "" for nothing."""
+        return ""
+
     @property
     def iterations(self) -> int:
         """Return the iterations in the whole run."""
@@ -113,20 +141,38 @@ class Configuration(Registered):
 
     @property
     def segment_iterations(self) -> int:
-        """Return the iterations between two checkpoints."""
+        """Return the iterations of a segment."""
         return max(1, round(self.segment_steps / self.iteration_steps))
 
     @property
     def segments(self) -> int:
-        """Return the checkpoints in the whole run, the last one included."""
+        """Return the segments of the whole run."""
         return math.ceil(self.iterations / self.segment_iterations)
 
     def to_json(self) -> dict[str, Any]:
         """Return the settings as plain JSON values."""
-        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}  # type: ignore[arg-type]
+        values = {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
         values["protocol"] = self.protocol.to_json()
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
         return {"algorithm": self.name, **plain}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of a training run. The first one begins as the run does, each later one continues the policy before it."""
+
+    config: Configuration
+    disturb: tuple[str, ...] = ()
+    """What disturbs its training episodes, beside what disturbs the whole run."""
+
+    @property
+    def steps(self) -> int:
+        """Return its environment steps."""
+        return self.config.iterations * self.config.iteration_steps
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return {"config": self.config.to_json(), "disturb": list(self.disturb)}
 
 
 def usual_config(

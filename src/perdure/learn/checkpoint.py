@@ -1,4 +1,4 @@
-"""The state of a training run between two segments, with its file.
+"""The state of a training run, between two segments or within one (`partial.py`), with its file.
 
 The file is one safetensors file. Reading one never runs code. Every array of the state is stored under its path in the
 tree, such as ``learner/params/policy.0.weight``. What a learner adds to its state is stored without a change here.
@@ -10,7 +10,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -23,16 +23,20 @@ from perdure.schema import Count, Record, read_json
 
 FORMAT = "perdure.checkpoint"
 VERSION = "4"
-HEADER = ("seed", "segment")
+HEADER = ("seed", "segment", "iteration")
 """Fields of the state that are plain numbers."""
-CURVES = ("episodes", "iterations")
-"""Fields of the state that are tables with a row for each episode or iteration so far."""
+GROWING = ("episodes", "iterations", "sent/actions", "sent/done", "observation_std")
+"""Arrays of the state with a row for each episode, iteration or step so far."""
 
 
 class _Header(Record, frozen=True):
     version: str
     seed: Count
     segment: Count
+    iteration: Count = 0
+
+
+StateT = TypeVar("StateT", bound="RunState")
 
 
 @dataclass(frozen=True)
@@ -56,28 +60,33 @@ def save_checkpoint(state: RunState, path: Path) -> None:
 
     leaves, _ = jax.tree_util.tree_flatten_with_path(_tree(state))
     arrays = {_name(where): np.array(leaf, order="C") for where, leaf in leaves}
-    header = json.dumps({"version": VERSION, **{name: getattr(state, name) for name in HEADER}})
+    numbers = {name: getattr(state, name) for name in HEADER if hasattr(state, name)}
+    header = json.dumps({"version": VERSION, **numbers})
     write_atomic(path, save(arrays, {FORMAT: header}))
 
 
-def checkpoint_segments(path: Path) -> int:
-    """Return the segments that a checkpoint keeps, without its arrays; 0 where there is none that can be read."""
+def checkpoint_place(path: Path) -> tuple[int, int]:
+    """Return the finished segments that a checkpoint keeps, and the iterations of the whole run where it is within one.
+
+    Its arrays are not read. Zeros where there is no file that can be read.
+    """
     from safetensors import SafetensorError, safe_open
 
     try:
         with safe_open(path, framework="numpy") as file:
             header: _Header = read_json((file.metadata() or {}).get(FORMAT, ""), _Header)
     except (SafetensorError, OSError, PerdureError):  # what is wrong is said by the run that loads it
-        return 0
-    return header.segment
+        return 0, 0
+    return header.segment, header.iteration
 
 
-def load_checkpoint(path: Path, start: RunState) -> RunState:
+def load_checkpoint(path: Path, start: StateT) -> StateT:
     """Read the state back, bit for bit.
 
     Args:
         path: The file.
-        start: The state before the first segment of the same run, which says what arrays there are.
+        start: The state before the first segment of the same run, or at the beginning of the same segment, which says
+            what arrays there are.
 
     Raises:
         PerdureError: If the file is damaged, of another version, or of another run.
@@ -116,13 +125,14 @@ def load_checkpoint(path: Path, start: RunState) -> RunState:
             for name, (_, leaf) in zip(names, leaves, strict=True)
         ]
     tree = jax.tree_util.tree_unflatten(structure, read)
-    return dataclasses.replace(start, seed=header.seed, segment=header.segment, **tree)
+    numbers = {name: getattr(header, name) for name in HEADER if hasattr(start, name)}
+    return dataclasses.replace(start, **numbers, **tree)
 
 
 def _alike(read: Any, start: Any, name: str) -> bool:
-    """Return whether an array has dtype and shape of its initial value; curves grow by rows."""
+    """Return whether an array has dtype and shape of its initial value; some grow by rows."""
     known = np.asarray(start)
-    grows = name in CURVES and read.ndim == known.ndim == 2
+    grows = name in GROWING and read.ndim == known.ndim
     return bool(
         read.dtype == known.dtype and (grows or read.shape == known.shape) and read.shape[1:] == known.shape[1:]
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast, get_args
 
 from perdure.errors import PerdureError
 from perdure.horizon import Fixed, HorizonProtocol, usual_preset
 from perdure.learn.advantages import make_estimator
-from perdure.learn.algorithm import Algorithm, Configuration
+from perdure.learn.algorithm import Algorithm, Configuration, Stage
 
 if TYPE_CHECKING:
     from perdure.envs import TaskSpec
@@ -19,11 +20,41 @@ if TYPE_CHECKING:
 Activation = Literal["relu", "tanh", "elu", "selu", "leaky_relu", "sigmoid", "silu", "gelu", "softplus", "mish"]
 Decay = Literal["none", "linear"]
 Conditioning = Literal["concatenate", "film"]
-OMITTED_DEFAULTS = ("learning_rate_decay", "log_std_end", "log_std_fall", "estimator", "conditioning", "clip_obs")
+OMITTED_DEFAULTS = (
+    "learning_rate_decay",
+    "log_std_end",
+    "log_std_fall",
+    "estimator",
+    "conditioning",
+    "clip_obs",
+    "then",
+)
 """Settings that stored runs and policy files name only where they differ from their default."""
 CONTINUED_LOG_STD = -1.0
 """Largest log standard deviation with which training continues by default. At the usual start value of 0, noise as wide
 as the action range would make a trained robot fall within steps."""
+
+
+@dataclass(frozen=True)
+class Further:
+    """Further training of the same network, see `perdure.learn.recipe`.
+
+    Raises:
+        PerdureError: If a number is out of its range.
+    """
+
+    gamma: float = 0.999
+    """Discount; that of the first training is kept where it is higher and below 1."""
+    total_steps: int = 300_000
+    """Environment steps."""
+    disturb: tuple[str, ...] = ("action_noise:0.1",)
+    """What disturbs every training episode, all together."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.gamma <= 1:
+            raise PerdureError(f"gamma is {self.gamma!r}; it must be a number in [0, 1]")
+        if self.total_steps < 1:
+            raise PerdureError(f"total_steps is {self.total_steps!r}; it must be at least 1")
 
 
 @dataclass(frozen=True)
@@ -91,6 +122,8 @@ class PPOConfig(Configuration):
     hidden layers, see `perdure.learn.networks`."""
     clip_obs: float = 10.0
     """Normalized observations are clipped to +-clip_obs, as in Stable-Baselines3's VecNormalize."""
+    then: Further | None = None
+    """Further training in the same run; None: none."""
 
     def __post_init__(self) -> None:
 
@@ -185,6 +218,30 @@ class PPOConfig(Configuration):
             clip_obs=policy.normalizer.clip,
         )
 
+    def stages(self, task: str) -> tuple[Stage, ...]:
+        """Return the training of these settings and, where there is one, the further training that follows it."""
+        if self.then is None:
+            return (Stage(self),)
+        from perdure.learn.recipe import further_config
+
+        return Stage(self), Stage(further_config(self, task), self.then.disturb)
+
+    def advice(self, facts: Mapping[str, float]) -> str:
+        """Return that an early end pays, and the flag for a quieter start; "" where that does no lasting harm.
+
+        With a discount PPO recovers. With the average reward a fall is a cost and ends nothing.
+        """
+        from perdure.learn.first_rollout import REWARD, ending_pays
+
+        limited = self.protocol.gamma < 1 or self.estimator.partition(":")[0] != PPOConfig.estimator
+        if limited or not ending_pays(facts):
+            return ""
+        return (
+            f"a step of the first rollout earns {facts[REWARD]:.2f} and episodes end early, so an early end pays "
+            "better than going on, which a method without a discount may learn; start with less noise: "
+            f"--ppo.log-std-init {self.log_std_init - 1:g}"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Return the settings as plain JSON values, without those of `OMITTED_DEFAULTS` that have their default."""
         values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
@@ -192,4 +249,6 @@ class PPOConfig(Configuration):
             if values[name] == getattr(PPOConfig, name):
                 del values[name]
         values["protocol"] = self.protocol.to_json()
+        if self.then is not None:
+            values["then"] = {**dataclasses.asdict(self.then), "disturb": list(self.then.disturb)}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}

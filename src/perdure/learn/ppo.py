@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from perdure.envs.traced import Handle, WorldSlot, traced_world
 from perdure.errors import PerdureError
 from perdure.learn.advantages import EstimatorState, Transitions, make_estimator
-from perdure.learn.algorithm import Metrics
+from perdure.learn.algorithm import Metrics, Sent
+from perdure.learn.first_rollout import first_rollout_facts
 from perdure.learn.networks import EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
@@ -77,13 +78,14 @@ class AdamState(NamedTuple):
     count: jax.Array  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Running:
-    """The environments of one segment in the middle of their episodes."""
+    """The environments of one segment in the middle of their episodes: a tree of the arrays of `env_state`."""
 
-    collect: Callable[..., Any]
+    collect: Callable[..., Any] = field(metadata={"static": True})
     """Compiled loop over the environments, see `rollout.make_collect`."""
-    handle: Handle
+    handle: Handle = field(metadata={"static": True})
     env_state: EnvState
 
 
@@ -176,7 +178,15 @@ class PPO:
                 f"{self._config.learning_rate:g})"
             )
         learned = PPOState(params, adam, rollout.statistics, prepared.estimator)
-        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics)
+        facts = {}
+        if iteration == 0:
+            facts = first_rollout_facts(rollout.episodes, rollout.experience.ends)
+        sent = Sent(
+            np.asarray(rollout.experience.actions),
+            np.asarray(rollout.episodes.done),
+            np.asarray(rollout.env_state.observations),
+        )
+        metrics = Metrics(_ended_episodes(rollout.episodes, iteration, self._config), diagnostics, facts, sent)
         return learned, Running(running.collect, handle, rollout.env_state), metrics
 
     def observation_std(self, state: PPOState) -> NDArray[np.float64]:

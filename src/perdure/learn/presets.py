@@ -7,7 +7,9 @@ the algorithm's.
 
 HalfCheetah and Hopper come from its pull requests 155 and 183, Swimmer from 335 (before 2023-01: defaults and gamma =
 0.9999). For Walker2d it names no network. Its entry for Ant is Stable-Baselines3's defaults, as here for any other
-task; a tuned one (10 million steps) is commented out.
+task; a tuned one (10 million steps) is commented out. Here Ant also starts with less noise, log_std_init -1 in place of
+0: with 0 its first steps earn less than nothing, and undiscounted methods learn to end episodes
+(`perdure.learn.first_rollout`). Policies of Ant that were trained before name log_std_init 0 in their settings.
 
 With the zoo's Hopper settings policies of Stable-Baselines3 and of perdure learn to stand still (rl-baselines3-zoo's
 issue 376 reports the same). So a second preset, ``cleanrl``, has one set of numbers for every task: those of CleanRL's
@@ -18,6 +20,7 @@ end; these are not hyperparameters here. `perdure.horizon.usual_preset` says whi
 | method | gamma | horizon T | at T | phi | what it is |
 |---|---|---|---|---|---|
 | ``ppo`` | tuned | 1000 | bootstrap last observation | - | Stable-Baselines3's PPO (>= 1.4) with rl-zoo's settings |
+| ``steady`` | tuned, then 0.999 | 1000 | bootstrap last observation | - | ``ppo``, then further under action noise |
 | ``ppo-undiscounted`` | 1 | 1000 | bootstrap last observation | - | baseline; values determined only up to a constant |
 | ``ppo-undiscounted-terminal`` | 1 | 1000 | terminal | - | the same with determined values: V = 0 at T |
 | ``ppo-short`` | tuned | 200 | bootstrap last observation | - | short episodes (figure 3-1 of the thesis) |
@@ -31,6 +34,8 @@ end; these are not hyperparameters here. `perdure.horizon.usual_preset` says whi
 | ``geometric-5`` | 1 | U[200, 1000] | terminal | Geometric(5) | ``geometric`` with five numbers on every task |
 | ``geometric-10`` | 1 | U[200, 1000] | terminal | Geometric(10) | ``geometric`` with ten numbers on every task |
 | ``geometric-film`` | 1 | U[200, 1000] | terminal | Geometric(d) | ``geometric``; phi scales and shifts hidden layers |
+
+``steady`` trains ``ppo`` and, in the same run, trains its policy further (`perdure.learn.recipe`).
 
 With gamma = 1 and a bootstrap at every time limit, values are determined only up to a constant and may drift. The
 baseline still learns, because advantages use differences of V.
@@ -64,7 +69,7 @@ from perdure.horizon import (
     robot_of,
     usual_preset,
 )
-from perdure.learn.config import Conditioning, PPOConfig
+from perdure.learn.config import Conditioning, Further, PPOConfig
 
 
 @dataclass(frozen=True)
@@ -99,10 +104,12 @@ _ZOO = {
 TUNED = tuple(_ZOO)
 """Robots that have a row of their own in the Zoo's preset. Ant has Stable-Baselines3's defaults there, as any other."""
 _DEFAULTS = Preset(0.99, {})
+_QUIET = {"Ant": Preset(0.99, {"log_std_init": -1.0})}
+"""Robots that have the defaults, but less noise at the start."""
 _CLEANRL = Preset(0.99, {"learning_rate_decay": "linear"})
 
 PRESETS: dict[str, Callable[[str], Preset]] = {
-    ZOO: lambda robot: _ZOO.get(robot, _DEFAULTS),
+    ZOO: lambda robot: (_ZOO | _QUIET).get(robot, _DEFAULTS),
     "cleanrl": lambda robot: _CLEANRL,
 }
 """Name to what makes the preset of a robot, such as "Hopper"."""
@@ -131,6 +138,8 @@ class Method:
     """Environments side by side; None: those of the preset."""
     estimator: str = "discounted"
     conditioning: Conditioning = "concatenate"
+    then: Further | None = None
+    """Training that follows in the same run."""
 
 
 def _geometric(observation_size: int, task: str) -> Embedding:
@@ -139,6 +148,7 @@ def _geometric(observation_size: int, task: str) -> Embedding:
 
 METHODS: dict[str, Method] = {
     "ppo": Method(EPISODE, terminal=False),
+    "steady": Method(EPISODE, terminal=False, then=Further()),
     "ppo-undiscounted": Method(EPISODE, terminal=False, undiscounted=True),
     "ppo-undiscounted-terminal": Method(EPISODE, terminal=True, undiscounted=True),
     "ppo-short": Method(SHORT_EPISODE, terminal=False),
@@ -188,7 +198,11 @@ def method_config(
         normalizer_gamma=tuned.gamma,
     )
     config = PPOConfig(
-        protocol=protocol, estimator=chosen.estimator, conditioning=chosen.conditioning, **tuned.settings
+        protocol=protocol,
+        estimator=chosen.estimator,
+        conditioning=chosen.conditioning,
+        then=chosen.then,
+        **tuned.settings,
     )
     if chosen.n_envs is not None:
         config = dataclasses.replace(config, n_envs=chosen.n_envs)

@@ -18,16 +18,19 @@ the start is no shortcut: it hardly learns to walk.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from perdure.envs import TaskSpec, task_spec
 from perdure.horizon import HorizonProtocol, robot_of, usual_preset
-from perdure.learn.config import PPOConfig
-from perdure.learn.presets import METHODS, TUNED, ZOO, method_config
+from perdure.learn.config import Further, PPOConfig
+from perdure.learn.presets import METHODS, TUNED, ZOO, default_clock, method_config
 from perdure.learn.run import TrainRun
 from perdure.learn.start import check_start, start_file
-from perdure.policy import Policy, load_policy
+from perdure.policy import Normalizer, Policy, TaskInfo, load_policy
 
 NAME = "cured"
 """Names the training runs of the recipe, and so their folder and the label of their policies."""
@@ -39,13 +42,8 @@ FALLING_STEP_SIZE = "cleanrl"
 
 
 @dataclass(frozen=True)
-class Recipe:
+class Recipe(Further):
     """Settings of the further training, without the policy. The defaults are those that were measured."""
-
-    gamma: float = 0.999
-    total_steps: int = 300_000
-    disturb: tuple[str, ...] = ("action_noise:0.1",)
-    """What disturbs every training episode, as `perdure train --disturb` takes it."""
 
     def run(self, start: Path, task: str, seeds: tuple[int, ...] = (0,), name: str = NAME) -> TrainRun:
         """Return the training that continues a policy, one run for each seed.
@@ -104,6 +102,23 @@ class Recipe:
         if self.gamma <= protocol.gamma < 1.0:
             return protocol.gamma
         return self.gamma
+
+
+def further_config(config: PPOConfig, task: str) -> PPOConfig:
+    """Return the settings of the further training `config.then` of the policy that these settings train."""
+    assert config.then is not None
+    return Recipe(**asdict(config.then)).config(_untrained(config, task_spec(task)), task)
+
+
+def _untrained(config: PPOConfig, spec: TaskSpec) -> Policy:
+    """Return a policy with the network of these settings, all of its weights 0: what is known before training."""
+    sizes = (spec.observation_size + config.protocol.embedding_size, *config.hidden_sizes, spec.action_size)
+    weights = {"log_std": np.zeros(spec.action_size, np.float32)}
+    for layer, shape in enumerate(pairwise(sizes)):
+        weights[f"policy.{layer}.weight"] = np.zeros(shape, np.float32)
+        weights[f"policy.{layer}.bias"] = np.zeros(shape[1], np.float32)
+    seen = Normalizer(np.zeros(spec.observation_size), np.ones(spec.observation_size), config.clip_obs)
+    return Policy(TaskInfo.of(spec), weights, config.activation, seen, config.protocol, default_clock(config))
 
 
 def recipe_preset(task: str) -> str:

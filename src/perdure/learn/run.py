@@ -3,7 +3,8 @@
 A seed's run is a chain of segments. Each one begins with the checkpoint in the run's folder and leaves the next. It
 builds its environments from (seed, segment) alone and cuts running episodes as the end of a rollout does, because an
 engine's inner state and random generator cannot be saved. So a run that was killed and a run that was not are the same
-run. A run knows no detail of its algorithm, only the interface `Algorithm`.
+run. Within a segment, partial checkpoints keep what its environments were sent, see `perdure.learn.partial`. A run
+knows no detail of its algorithm, only the interface `Algorithm`.
 """
 
 from __future__ import annotations
@@ -12,10 +13,9 @@ import dataclasses
 import math
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import lru_cache
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +28,14 @@ from perdure.envs.disturbances import DisturbedWorld, disturbed_task
 from perdure.envs.suites import is_contract, task_source_digest
 from perdure.envs.traced import WorldSlot
 from perdure.envs.world import MAX_SEED
-from perdure.errors import PerdureError
+from perdure.errors import PerdureError, warn
 from perdure.horizon import Embedding
-from perdure.learn.algorithm import Algorithm, Configuration, algorithm_of, all_methods, usual_config
-from perdure.learn.checkpoint import RunState, checkpoint_segments, load_checkpoint, save_checkpoint
+from perdure.learn.algorithm import Algorithm, Configuration, Stage, algorithm_of, all_methods, usual_config
+from perdure.learn.checkpoint import RunState, checkpoint_place, load_checkpoint, save_checkpoint
+from perdure.learn.first_rollout import say_advice
+from perdure.learn.partial import Recorder, ReplayError
 from perdure.learn.presets import ZOO
+from perdure.learn.progress import DIAGNOSTICS
 from perdure.learn.start import start_file, trained_steps
 from perdure.policy import Policy, find_policy, load_policy, measure_reference, save_policy
 from perdure.runs import (
@@ -47,20 +50,25 @@ from perdure.runs import (
     versions,
     write_atomic,
 )
-from perdure.runs.progress import Lines, total_share
+from perdure.runs.progress import Lines
 from perdure.schema import parquet_bytes
 
 POLICY = "policy.safetensors"
 """Written last."""
 CHECKPOINT = "checkpoint.safetensors"
+"""Between two segments."""
+PARTIAL = "partial.safetensors"
+"""Within the segment after the checkpoint."""
 EPISODE_COLUMNS = ("step", "return", "length")
 UNNAMED_PRESETS = (ZOO, None)
 """Presets that folders and policy files do not name."""
 RECENT_EPISODES = 20
 """Training episodes over which return, length and reward per step are reported."""
-DIAGNOSTICS = "diagnostics/"
-"""Begins the names of an algorithm's own numbers among the facts of a report. TensorBoard shows them, the line of
-progress does not."""
+
+
+def _labels(disturb: Iterable[str]) -> tuple[str, ...]:
+    """Return the standard spellings of disturbances, sorted."""
+    return tuple(each.label for each in parse_disturbances(tuple(disturb)))
 
 
 @dataclass(frozen=True)
@@ -94,10 +102,11 @@ class TrainRun:
     weights."""
 
     def __post_init__(self) -> None:
-        disturbances = parse_disturbances(self.disturb)
-        check_onsets(disturbances, self.config.protocol.horizon.longest)
-        disturbed_task(self.task, disturbances)
-        object.__setattr__(self, "disturb", tuple(each.label for each in disturbances))
+        object.__setattr__(self, "disturb", _labels(self.disturb))
+        for stage in self.stages:
+            disturbances = parse_disturbances(stage.disturb)
+            check_onsets(disturbances, stage.config.protocol.horizon.longest)
+            disturbed_task(self.task, disturbances)
         object.__setattr__(self, "preset", self.preset or self.config.usual_preset(self.task))
         if self.base_method is not None:
             algorithm_of(self.base_method)
@@ -107,6 +116,12 @@ class TrainRun:
             raise PerdureError(f"seeds must be different numbers from 0 to {MAX_SEED:,}, got {list(self.seeds)}")
         for seed in self.seeds:
             self._start(seed)  # a missing file is reported before anything runs
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """Return the parts of the run, each with all that disturbs its episodes."""
+        stages = self.config.stages(self.task)
+        return tuple(Stage(each.config, _labels({*self.disturb, *_labels(each.disturb)})) for each in stages)
 
     def key(self, seed: int) -> str:
         """Return the readable identity of one seed's run."""
@@ -125,6 +140,8 @@ class TrainRun:
             identity["preset"] = self.preset
         if self.disturb:
             identity["disturb"] = list(self.disturb)
+        if len(self.stages) > 1:
+            identity["then"] = [stage.to_json() for stage in self.stages[1:]]
         if self.inputs:
             identity["inputs"] = self.inputs
         if self.start is not None:
@@ -138,16 +155,20 @@ class TrainRun:
         """Return the policy that a seed continues as an absolute path, which another process can open."""
         return None if self.start is None else str(find_policy(start_file(self.start, seed)).resolve())
 
+    @property
+    def steps(self) -> int:
+        """Return the environment steps of one seed, all stages together."""
+        return sum(stage.steps for stage in self.stages)
+
     def unit(self, seed: int) -> Unit:
         """Return the training of one seed as a unit of work."""
-        steps = float(self.config.iterations * self.config.iteration_steps)
         return Unit(
             self.key(seed),
             self.identity(seed),
             "perdure.learn.run:train_segment",
             {"run": self, "seed": seed, "start": self._start(seed)},
-            size=steps,
-            cores=self.config.n_envs,
+            size=float(self.steps),
+            cores=max(stage.config.n_envs for stage in self.stages),
         )
 
 
@@ -183,12 +204,20 @@ def train(
     store = Store(out)
     units = [run.unit(seed) for seed in run.seeds]
     store.warn_of_other_source(unit.key for unit in units)
-    run_missing(units, out, on, cores, observe or Lines("train", "steps"), waiting)
+    run_missing(units, out, on, cores, _both(say_advice(run), observe or Lines("train", "steps")), waiting)
     return [store.get(unit.key) / POLICY for unit in units]
 
 
+def _both(first: Observer, second: Observer) -> Observer:
+    def observe(status: Status) -> None:
+        first(status)
+        second(status)
+
+    return observe
+
+
 def kept_steps(run: TrainRun, out: str | Path) -> dict[int, int]:
-    """Return the environment steps of each unfinished seed that its checkpoint keeps; 0 without a checkpoint.
+    """Return the environment steps of each unfinished seed that its checkpoints keep; 0 without one.
 
     Args:
         run: The training run.
@@ -200,91 +229,30 @@ def kept_steps(run: TrainRun, out: str | Path) -> dict[int, int]:
         unit = run.unit(seed)
         if store.done(unit.key, unit.config):
             continue
-        segments = checkpoint_segments(store.work_folder(unit.key) / CHECKPOINT)
-        iterations = min(segments * run.config.segment_iterations, run.config.iterations)
-        kept[seed] = iterations * run.config.iteration_steps
+        folder = store.work_folder(unit.key)
+        kept[seed] = sum(
+            _kept_steps(stage.config, stage_folder(folder, run, number)) for number, stage in enumerate(run.stages)
+        )
     return kept
 
 
-@dataclass(frozen=True)
-class Report:
-    """Progress report of a training run."""
-
-    seed: int
-    """Seed that has made progress."""
-    step: int
-    """Environment steps it has made."""
-    steps: int
-    """Environment steps it will have made in all."""
-    mean_return: float
-    """Mean undiscounted return of its last 20 training episodes; nan before the first has ended."""
-    share: float
-    """Share of the work that is done, all seeds together, from 0 to 1."""
-    reward_per_step: float = math.nan
-    """Mean reward of a step in these episodes. Other than the return, it compares methods whose episodes have other
-    lengths."""
-    mean_length: float = math.nan
-    """Mean length of these episodes in steps."""
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
-    """The algorithm's own numbers of its last iteration, such as its losses."""
+def _kept_steps(config: Configuration, folder: Path) -> int:
+    """Return the environment steps of one stage that its folder keeps."""
+    segments, _ = checkpoint_place(folder / CHECKPOINT)
+    iterations = min(segments * config.segment_iterations, config.iterations)
+    running_segment, partial = checkpoint_place(folder / PARTIAL)
+    if running_segment == segments:
+        iterations = max(iterations, partial)
+    if (folder / POLICY).exists():
+        iterations = config.iterations
+    return iterations * config.iteration_steps
 
 
-def on_report(run: TrainRun, callback: Callable[[Report], None]) -> Observer:
-    """Return an observer that calls `callback` with a `Report` whenever a seed has made progress."""
-    last: dict[int, float] = {}
-
-    def observe(status: Status) -> None:
-        for seed in run.seeds:
-            progress = status[run.key(seed)]
-            if progress.facts and progress.done != last.get(seed):
-                last[seed] = progress.done
-                facts = progress.facts
-                report = Report(
-                    seed=seed,
-                    step=int(progress.done),
-                    steps=int(progress.total),
-                    mean_return=facts.get("return", math.nan),
-                    share=total_share(status),
-                    reward_per_step=facts.get("reward_per_step", math.nan),
-                    mean_length=facts.get("length", math.nan),
-                    diagnostics={
-                        name.removeprefix(DIAGNOSTICS): value
-                        for name, value in facts.items()
-                        if name.startswith(DIAGNOSTICS)
-                    },
-                )
-                callback(report)
-
-    return observe
-
-
-@contextmanager
-def tensorboard(folder: Path) -> Iterator[Callable[[Report], None]]:
-    """Return a function of reports that writes them for TensorBoard, at the seed's step.
-
-    The curves are ``train/seed-N/mean_return``, ``mean_length``, ``reward_per_step`` and the algorithm's own, such as
-    ``approx_kl`` and ``explained_variance``.
-
-    Raises:
-        PerdureError: If tensorboardX is not installed.
-    """
-    try:
-        from tensorboardX import SummaryWriter
-    except ImportError:
-        raise PerdureError("TensorBoard output needs tensorboardX: pip install 'perdure[tensorboard]'") from None
-    writer = SummaryWriter(str(folder))
-
-    def watch(report: Report) -> None:
-        values = {name: getattr(report, name) for name in ("mean_return", "mean_length", "reward_per_step")}
-        values.update(report.diagnostics)
-        for name, value in values.items():
-            if not math.isnan(value):
-                writer.add_scalar(f"train/seed-{report.seed}/{name}", value, report.step)
-
-    try:
-        yield watch
-    finally:
-        writer.close()
+def stage_folder(folder: Path, run: TrainRun, number: int) -> Path:
+    """Return the folder of a stage: that of the run for the last one, folders in it for those before."""
+    if number == len(run.stages) - 1:
+        return folder
+    return folder / f"stage-{number + 1}"
 
 
 def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = None) -> bool:
@@ -299,15 +267,35 @@ def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = N
     Returns:
         Whether that was the last segment: then the policy and its learning curves are in the work folder.
     """
-    import polars as pl
+    for number in range(len(run.stages) - 1):
+        folder = stage_folder(work.folder, run, number)
+        if not _is_finished(folder):
+            _train_stage(work, run, number, seed, start)
+            return False
+        start = str(folder / POLICY)
+    return _is_finished(work.folder) or _train_stage(work, run, len(run.stages) - 1, seed, start)
 
-    segments = _segments(run.task, run.config, work.threads, run.disturb)
-    checkpoint = work.folder / CHECKPOINT
-    steps = run.config.iterations * run.config.iteration_steps
-    if (work.folder / POLICY).exists():  # an attempt that was interrupted after its last file
-        checkpoint.unlink(missing_ok=True)
-        return True
-    # Where the run stands: its first state, or that of its last checkpoint.
+
+def _is_finished(folder: Path) -> bool:
+    """Return whether the policy of a stage is there; remove the checkpoint that an interrupted attempt left beside it.
+
+    The policy is the last file that a stage writes.
+    """
+    if not (folder / POLICY).exists():
+        return False
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    return True
+
+
+def _train_stage(work: Work, run: TrainRun, number: int, seed: int, start: str | None) -> bool:
+    """Train one seed for one more segment of a stage; return whether that was the stage's last one."""
+    stage = run.stages[number]
+    folder = stage_folder(work.folder, run, number)
+    folder.mkdir(exist_ok=True)
+    checkpoint = folder / CHECKPOINT
+    segments = _segments(run.task, stage.config, work.threads, stage.disturb)
+    before = sum(each.steps for each in run.stages[:number])
+    # Where the stage stands: its first state, or that of its last checkpoint.
     policy = None
     if start is not None:
         policy = load_policy(start)
@@ -315,18 +303,41 @@ def train_segment(work: Work, *, run: TrainRun, seed: int, start: str | None = N
     if checkpoint.exists():
         state = load_checkpoint(checkpoint, state)
     # One more segment.
-    if state.segment < run.config.segments:
-        state = segments.run(state, lambda step, facts: work.report(step, steps, **facts))
+    partial = folder / PARTIAL
+    if state.segment < stage.config.segments:
+        state = segments.run(state, lambda step, facts: work.report(before + step, run.steps, **facts), partial)
         save_checkpoint(state, checkpoint)
-    if state.segment < run.config.segments:
+    partial.unlink(missing_ok=True)
+    if state.segment < stage.config.segments:
         return False
-    # The last one: learning curves, then the policy, whose file says that all is there.
-    for name, columns in (("episodes", EPISODE_COLUMNS), ("iterations", segments.columns)):  # no wall-clock times
-        curve = pl.DataFrame(dict(zip(columns, getattr(state, name).T, strict=True)))
-        write_atomic(work.folder / f"{name}.parquet", parquet_bytes(curve))
-    save_policy(export_policy(run, segments, state, start), work.folder / POLICY)
+    # The last one: learning curves, then the policy.
+    previous = None
+    if number:
+        previous = stage_folder(work.folder, run, number - 1)
+    _save_curves(state, segments, folder, before, previous)
+    save_policy(export_policy(run, segments, state, start, number), folder / POLICY)
     checkpoint.unlink(missing_ok=True)
     return True
+
+
+def _save_curves(state: RunState, segments: Segments, folder: Path, before: int, previous: Path | None) -> None:
+    """Write the learning curves of a stage that is finished, after those of the stages before it.
+
+    Args:
+        state: After its last segment.
+        segments: Its task and algorithm.
+        folder: The stage's folder.
+        before: Environment steps of the stages before it.
+        previous: Folder of the stage before it; None: it is the first.
+    """
+    import polars as pl
+
+    for name, columns in (("episodes", EPISODE_COLUMNS), ("iterations", segments.columns)):  # no wall-clock times
+        curve = pl.DataFrame(dict(zip(columns, getattr(state, name).T, strict=True)))
+        if previous is not None:
+            here = curve.with_columns(pl.col("step") + before)
+            curve = pl.concat([pl.read_parquet(previous / f"{name}.parquet"), here])
+        write_atomic(folder / f"{name}.parquet", parquet_bytes(curve))
 
 
 class Segments:
@@ -356,14 +367,29 @@ class Segments:
         iterations = np.zeros((0, len(self.columns)))
         return RunState(seed, 0, self.algorithm.init(seed, start), episodes, iterations)
 
-    def run(self, state: RunState, progress: Callable[[int, dict[str, float]], None]) -> RunState:
+    def run(
+        self, state: RunState, progress: Callable[[int, dict[str, float]], None], partial: Path | None = None
+    ) -> RunState:
         """Train a seed for its next segment. The memory of ``state``'s learner is reused.
 
         Args:
             state: After the segments so far.
             progress: Called after each iteration with (environment steps so far, facts): "return", "reward_per_step"
-                and "length" of the last episodes, and the algorithm's numbers, whose names begin with DIAGNOSTICS.
+                and "length" of the last episodes, the algorithm's numbers, whose names begin with DIAGNOSTICS, and
+                those for its advice.
+            partial: File in which the running segment is kept; the result does not depend on it. A file of this segment
+                is where training goes on.
         """
+        try:
+            return self._run(state, progress, partial)
+        except ReplayError as error:
+            step = state.segment * self._config.segment_iterations * self._config.iteration_steps
+            warn(f"{error}; seed {state.seed} is trained again from step {step:,}")
+        return self._run(state, progress, partial)
+
+    def _run(
+        self, state: RunState, progress: Callable[[int, dict[str, float]], None], partial: Path | None
+    ) -> RunState:
         config = self._config
         seed = state.seed
         segment = state.segment
@@ -371,30 +397,39 @@ class Segments:
         last = min(first + config.segment_iterations, config.iterations)
         # Of the environments: 31-bit numbers that share no simple pattern.
         seeds = [int(s) for s in np.random.SeedSequence([seed, segment]).generate_state(config.n_envs, np.uint32) >> 1]
-        learner = state.learner
-        episodes = [state.episodes]
-        iterations = [state.iterations]
+        facts: dict[str, float] = {}
         world = make_world(self._task, seeds, threads=min(self._threads, len(seeds)))
         try:
             # New environments, disturbed if they are to be.
             if self._disturbances:
-                spread = np.tile(self.algorithm.observation_std(learner), (len(seeds), 1))
+                spread = np.tile(self.algorithm.observation_std(state.learner), (len(seeds), 1))
                 world = DisturbedWorld(world, self._disturbances, seeds, spread)
             observations = world.reset()
             self._slot.fill(world)
-            learner, running = self.algorithm.start(learner, self._slot, observations, seed=seed, segment=segment)
+            learner, running = self.algorithm.start(state.learner, self._slot, observations, seed=seed, segment=segment)
+            # Where a partial checkpoint left off, if there is one.
+            recorder = Recorder(partial, world)
+            begun = recorder.resume(dataclasses.replace(state, learner=learner), running, first)
+            state = begun
+            running = begun.running
             # Learn. Observation noise scales with the spread of the observations so far.
-            for iteration in range(first, last):
+            for iteration in range(begun.iteration, last):
                 if isinstance(world, DisturbedWorld):
-                    world.observation_std[:] = self.algorithm.observation_std(learner)
-                learner, running, metrics = self.algorithm.iterate(learner, running, seed=seed, iteration=iteration)
+                    world.observation_std[:] = self.algorithm.observation_std(state.learner)
+                learner, running, metrics = self.algorithm.iterate(
+                    state.learner, running, seed=seed, iteration=iteration
+                )
                 if self._slot.error is not None:
                     raise self._slot.error
                 step = (iteration + 1) * config.iteration_steps
-                episodes.append(metrics.episodes)
-                iterations.append(np.array([[step, *metrics.diagnostics.values()]]))
+                row = np.array([[step, *metrics.diagnostics.values()]])
+                episodes = np.concatenate([state.episodes, metrics.episodes])
+                state = RunState(seed, segment, learner, episodes, np.concatenate([state.iterations, row]))
+                # Keep, then tell.
+                recorder.keep(state, running, iteration + 1, metrics.sent)
                 own = {f"{DIAGNOSTICS}{name}": value for name, value in metrics.diagnostics.items()}
-                progress(step, {**_recent_episodes(episodes), **own})
+                facts |= metrics.facts
+                progress(step, {**_recent_episodes(episodes), **facts, **own})
         except Exception as error:
             if self._slot.error is None or error is self._slot.error:
                 raise
@@ -402,16 +437,16 @@ class Segments:
         finally:
             self._slot.clear()
             world.close()
-        return RunState(seed, segment + 1, learner, np.concatenate(episodes), np.concatenate(iterations))
+        return RunState(seed, segment + 1, state.learner, state.episodes, state.iterations)
 
 
 _segments = lru_cache(maxsize=1)(Segments)
 """Keeps the compiled programs from segment to segment."""
 
 
-def _recent_episodes(episodes: list[NDArray[np.float64]]) -> dict[str, float]:
+def _recent_episodes(episodes: NDArray[np.float64]) -> dict[str, float]:
     """Return means over the last RECENT_EPISODES of these rows; nan if there are none."""
-    _, returns, lengths = np.concatenate(episodes)[-RECENT_EPISODES:].T
+    _, returns, lengths = episodes[-RECENT_EPISODES:].T
     if not len(returns):
         return dict.fromkeys(("return", "reward_per_step", "length"), math.nan)
     return {
@@ -421,7 +456,9 @@ def _recent_episodes(episodes: list[NDArray[np.float64]]) -> dict[str, float]:
     }
 
 
-def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str | None = None) -> Policy:
+def export_policy(
+    run: TrainRun, segments: Segments, state: RunState, start: str | None = None, number: int = 0
+) -> Policy:
     """Return the policy of the final weights, with its provenance, measured within its training horizon.
 
     Args:
@@ -429,19 +466,26 @@ def export_policy(run: TrainRun, segments: Segments, state: RunState, start: str
         segments: Its task and algorithm.
         state: After its last segment.
         start: File of the policy that it continued.
+        number: Of the stage whose policy this is, from 0.
     """
+    stage = run.stages[number]
+    method = run.method
+    if number < len(run.stages) - 1:
+        method += f", stage {number + 1}"
     provenance: dict[str, Any] = {
-        "method": run.method,
+        "method": method,
         "seed": state.seed,
-        "config": run.config.to_json(),
+        "config": stage.config.to_json(),
         "engine": segments.engine,
         "versions": versions("jax", "numpy", "mujoco"),
         "command": command(run, segments.spec, state.seed),
     }
     if run.preset not in UNNAMED_PRESETS:
         provenance["preset"] = run.preset
-    if run.disturb:
-        provenance["disturb"] = list(run.disturb)
+    if stage.disturb:
+        provenance["disturb"] = list(stage.disturb)
+    if number:
+        provenance["stages"] = [each.to_json() for each in run.stages[:number]]
     if start is not None:
         provenance["from"] = _continued(start)
     policy = dataclasses.replace(segments.algorithm.policy(state.learner), provenance=provenance)

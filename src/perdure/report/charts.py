@@ -392,6 +392,7 @@ def curve_chart(
     point = {"x": across, "y": up, "color": color}
     level_bands = [row for row in flat if row["lower"] is not None]
     words = {"align": "left", "baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE, "dx": bars_end + 13}
+    words["dy"] = {"expr": f"{-_LINE / 2} * (length(datum.text) - 1)"}  # Vega places the first line, not the middle
     text = named("text")
     layers = [
         *_marker_layers(markers, across, x, xs),
@@ -491,13 +492,21 @@ def _at_risk_layers(curves: Sequence[Curve], across: Spec, right: float, color: 
     style = {"baseline": "middle", "fontSize": FONT_SIZE, "lineHeight": _LINE}
     heading = [{"text": "number at risk"}]
     soft = {**style, "align": "left", "color": SOFT}
+    # Where a page is narrow, a number that would touch the one before it is left out, as the axis does with its labels.
+    before = [None, *ticks[:-1]]
+    longest = max(len(f"{np.asarray(each.watched).size:,}") for each in curves)
+    space = f"scale('x', datum.x) - scale('x', datum.before) > {text_width(longest) + 4}"
+    counts = {**style, "opacity": {"expr": f"datum.before == null || {space} ? 1 : 0"}}
     yield layer(heading, "text", soft, x={"value": 0}, y={"value": place}, text=named("text"))
     for each in curves:
         place += _LINE + 3
         y = {"value": place}
         watched = np.asarray(each.watched)
-        rows = [{"x": at, "label": each.label, "text": f"{(watched >= at).sum():,}"} for at in ticks]
-        yield layer(rows, "text", style, x=across, y=y, text=named("text"), color=color)
+        rows = [
+            {"x": at, "before": last, "label": each.label, "text": f"{(watched >= at).sum():,}"}
+            for at, last in zip(ticks, before, strict=True)
+        ]
+        yield layer(rows, "text", counts, x=across, y=y, text=named("text"), color=color)
         if len(curves) > 1:
             name = [{"label": each.label, "text": _wrapped(each.label)}]
             beside = {**style, "align": "left", "baseline": "line-top", "dx": right + 13, "dy": -0.5 * _LINE}

@@ -20,6 +20,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 import polars as pl
 
@@ -41,7 +42,7 @@ from perdure.report.figures import make_figures
 from perdure.report.groups import Group, medians, success_cells
 from perdure.report.lead import Step, VerdictRow, next_steps, one_line, verdict_row
 from perdure.report.outcomes import CannotTell, outcomes
-from perdure.report.schema import TABLE, read_episodes
+from perdure.report.schema import TABLE, early_stop, read_episodes
 from perdure.report.scores import HOLDS_FROM, IDLE_BELOW, holds_from
 from perdure.runs import versions, write_atomic
 from perdure.schema import printable
@@ -168,7 +169,7 @@ def write_report(
         out: A folder; made if it is missing.
         command: What made the table; shown so that a reader can repeat it.
         formats: Of the files: "png", "svg", "pdf"; () writes the page alone.
-        notes: Metadata of the table's file: `versions` and `evaluated` (the day) are shown.
+        notes: Metadata of the table's file: `versions`, `evaluated` (the day) and an early stop are shown.
         stills: A PNG file of one failure; it need not exist.
         files: SHA-256 of policy files to the names by which commands find them.
 
@@ -178,6 +179,7 @@ def write_report(
     """
     by_task = _estimates(table)
     folder = Path(out)
+    stopped = early_stop(notes or {})
     parts = list[str]()
     taken = set[str]()
     folder.mkdir(parents=True, exist_ok=True)
@@ -187,15 +189,18 @@ def write_report(
         save([*top, *others], folder, formats)
         sentence = one_line([item.verdict for item in estimates])
         verdicts = [verdict_row(item.verdict) for item in estimates[:MOST_VERDICTS]]
+        points = list(_beside_verdicts(estimates))
+        if stopped is not None:
+            points.append(f"The evaluation {stopped}.")
         after = next_steps(estimates, folder, command, notes, files or {})
-        parts.append(header(task, sentence, list(_beside_verdicts(estimates)), verdicts, after))
+        parts.append(header(task, sentence, points, verdicts, after))
         shown = [picture("A failure", stills.read_bytes())] if stills is not None and stills.is_file() else []
         parts += [figures(top), *shown, *_tables(estimates), figures(others)]
     made = ". ".join(f"{what} {notes[name]}" for name, what in MADE.items() if notes and notes.get(name))
     return write_atomic(folder / PAGE, page(_title(by_task), [*parts, _part("words")], command, made))
 
 
-MADE = {"stopped": "Stopped early,", "evaluated": "Evaluated on", "versions": "With"}
+MADE = {"evaluated": "Evaluated on", "versions": "With"}
 """Name of a note of a table's file to the words before it."""
 
 
@@ -381,11 +386,13 @@ REQUIREMENTS = {"holds": not_holding, "clean": not_clean}
 """What `--require` names, to the function that returns who misses it."""
 
 
-def summary_json(estimates: Estimates, table: Path, page: Path) -> str:
-    """Return the summary of a table and its report as JSON; docs/reference/table.md describes its names."""
+def summary_json(estimates: Estimates, table: Path, page: Path, notes: Mapping[str, str]) -> str:
+    """Return the summary of a table, with its notes, and its report as JSON; docs/reference/json.md has its names."""
+    stopped = early_stop(notes)
     document = {
         "holds": not not_holding(estimates),
         "clean": not not_clean(estimates),
+        "stopped_early": None if stopped is None else msgspec.structs.asdict(stopped),
         "bounds": {
             "share_that_holds": HOLDING_SHARE,
             "score_that_holds": HOLDS_FROM,

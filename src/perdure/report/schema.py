@@ -29,7 +29,22 @@ from perdure.errors import PerdureError
 from perdure.report.outcomes import OWN_TABLE_WORDS, POLICY_STATES, outcome_words
 from perdure.report.scores import END_SURVIVED, IDLE_BELOW
 from perdure.runs import write_atomic
-from perdure.schema import Choice, Flag, Parquet, Real, Rule, Table, Text, Whole, check_columns, checked, parquet_bytes
+from perdure.schema import (
+    Choice,
+    Count,
+    Flag,
+    Parquet,
+    Real,
+    Record,
+    Rule,
+    Table,
+    Text,
+    Whole,
+    check_columns,
+    checked,
+    parquet_bytes,
+    read_json,
+)
 
 SCHEMA_NAME = "perdure.extrapolation"
 SCHEMA_VERSION = "5"
@@ -96,6 +111,8 @@ FILE_NOTE = "sha256 of "
 """How the names of the notes begin that say which policy files a table is of."""
 IMPORTED = "imported"
 """Folder, beside the results, of policies made of other libraries' models."""
+STOPPED_NOTE = "stopped_early"
+"""Name of the note that holds an `EarlyStop` as JSON."""
 TABLE: dict[str, Column] = {
     "policy": Column(NAME, "label of the policy, e.g. its file's stem", "key"),
     "method": Column(NAME, 'how it was trained, e.g. "geometric"'),
@@ -251,6 +268,36 @@ __doc__ = "\n".join(
         *(f"| {name} | float | only of robots' walks: {each.documentation} |" for name, each in MEASURES.items()),
     ]
 )
+
+
+class EarlyStop(Record, frozen=True):
+    """An evaluation that ended before all of its episodes, because the others could not change the verdict."""
+
+    episodes: Count
+    """Episodes that ran."""
+    planned: Count
+    """Episodes of the whole evaluation."""
+    reason: str
+    """What decided the verdict."""
+
+    def __str__(self) -> str:
+        return f"stopped early, after {self.episodes:,} of {self.planned:,} episodes: {self.reason}"
+
+
+def early_stop(notes: Mapping[str, str]) -> EarlyStop | None:
+    """Return what the notes of a table say about an early stop; None: all episodes ran.
+
+    Raises:
+        PerdureError: The note is damaged.
+    """
+    if STOPPED_NOTE not in notes:
+        return None
+    try:
+        found: EarlyStop = read_json(notes[STOPPED_NOTE], EarlyStop)
+    except PerdureError as error:
+        raise PerdureError(f"the note {STOPPED_NOTE!r} of the table is damaged: {error}") from None
+    return found
+
 
 # Writing and reading
 

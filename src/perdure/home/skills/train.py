@@ -137,11 +137,12 @@ class SkillScore:
 
     @property
     def rate(self) -> float:
-        """Return the share of successes."""
+        """The share of successes."""
         return float(self.success.mean())
 
+    @property
     def summary(self) -> str:
-        """Return the score as one line."""
+        """The score as one line."""
         words = f"{self.rate:.3f} of {len(self.success)} episodes"
         if self.success.any():
             words += f", {self.steps[self.success].mean():.0f} steps"

@@ -41,7 +41,7 @@ def test_a_score_counts_every_episode_once(policy, monkeypatch):
     assert len(score.success) == len(score.steps) == 12
     assert score.failures.total() == 12 - score.success.sum()
     assert np.all((score.steps >= 1) & (score.steps <= get_skill("place").limit))
-    assert f"{score.rate:.3f} of 12" in score.summary()
+    assert f"{score.rate:.3f} of 12" in score.summary
     again = evaluate_skill(policy, "place", 12, lanes=4, task="set_table", episodes=2)
     assert again.success.tolist() == score.success.tolist()
     assert again.steps.tolist() == score.steps.tolist()
