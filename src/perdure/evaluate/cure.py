@@ -18,8 +18,9 @@ from perdure.errors import PerdureError, did_you_mean, lookup
 from perdure.evaluate.compare import By
 from perdure.evaluate.options import Extrapolation
 from perdure.evaluate.run import file_subjects
-from perdure.evaluate.stored import REPLACED, Execution, open_evaluator
+from perdure.evaluate.stored import REPLACED, open_evaluator
 from perdure.evaluate.table import TABLE_FILE, ExtrapolationResult, file_note, made_with, train_seed
+from perdure.evaluate.units import Execution
 from perdure.learn.recipe import Recipe
 from perdure.learn.run import TrainRun, kept_steps, train
 from perdure.policy import load_policy
