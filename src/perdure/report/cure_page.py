@@ -17,7 +17,7 @@ from perdure.report.comparison_page import headline as difference
 from perdure.report.comparison_page import measures_table, summary_document
 from perdure.report.estimates import Estimate
 from perdure.report.figures import make_figures
-from perdure.report.groups import Group
+from perdure.report.groups import NO_CLOCK, Group
 from perdure.report.lead import DOCS, Step, verdict_row
 from perdure.report.outcomes import Falls
 from perdure.report.page import figures, header, page
@@ -32,6 +32,11 @@ NOTES = {
     WORSE: "The comparison shows that the further training made it worse: keep the policy you had.",
     CANNOT_TELL: "The comparison does not show that it helped: keep the policy you had.",
 }
+NOTE = (
+    "Intervals are 95 %: of differences of the deciding condition by betting, of others Student's t below ten start "
+    "states, else a bootstrap; a share is exact (Clopper-Pearson). Failures an hour are counted after settling; their "
+    "bounds are one-sided 95 % each (Garwood)."
+)
 ANOTHER_NOISE = "standard-1"
 """What the next training may meet, if the first one did not help."""
 MORE_STEPS = 1_000_000
@@ -185,8 +190,16 @@ def next_steps(cured: Cured, policy: str, given: Mapping[str, Any], steps: int, 
     confirm = {"first-eval-seed": 1000, "out": f"{out}-confirmed"}
     return [
         Step("Confirm it on other start states.", link, _command("extrapolate", cured_file, confirm)),
-        Step("Export it for a runtime.", f"{DOCS}export-onnx.md", _command("export", cured_file, {}, "cured.onnx")),
+        Step("Export it for a runtime.", f"{DOCS}export-onnx.md", export_command(cured, cured_file)),
     ]
+
+
+def export_command(cured: Cured, policy: str) -> str:
+    """Return the command that exports the cured policy, with the clock under which it was judged."""
+    flags = {}
+    if cured.after and cured.after[-1].group.clock_kind != NO_CLOCK:
+        flags["clock"] = cured.after[-1].group.clock_flag
+    return _command("export", policy, flags, "cured.onnx")
 
 
 def _command(name: str, policy: str, flags: dict[str, Any], *others: str) -> str:
@@ -222,5 +235,5 @@ def write_page(cured: Cured, following: Sequence[Step], out: Path, command: str,
     top, _ = make_figures([*cured.before, *cured.after])
     parts.append(figures(unique(top, set())))
     if cured.summary is not None:
-        parts.append(measures_table(cured.summary))
+        parts.append(measures_table(cured.summary, NOTE))
     return write_atomic(out / PAGE, page(headline(cured), parts, command, made))
