@@ -10,7 +10,7 @@ from perdure.envs import make_world
 from perdure.errors import PerdureError
 from perdure.horizon import Geometric, Uniform
 from perdure.learn import TrainRun, method_config, train
-from perdure.learn.run import command
+from perdure.learn.provenance import command
 from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"

@@ -12,8 +12,9 @@ from perdure.envs import task_spec
 from perdure.errors import PerdureError
 from perdure.learn import TrainRun, method_config, on_report, train
 from perdure.learn.config import Further
+from perdure.learn.provenance import command
 from perdure.learn.recipe import Recipe
-from perdure.learn.run import command, kept_steps
+from perdure.learn.run import kept_steps
 from perdure.policy import load_policy
 
 TASK = "InvertedPendulum-v4"

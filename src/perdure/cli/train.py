@@ -159,14 +159,9 @@ def _say_what_is_kept(run: TrainRun, out: Path) -> Iterator[None]:
     """Print where each seed resumes, and give an interruption of the block the words of what checkpoints keep."""
     from perdure.learn.run import kept_steps
 
-    segment = run.config.segment_iterations * run.config.iteration_steps
     for seed, count in kept_steps(run, out).items():
-        replayed = count % segment
-        how = ""
-        if replayed:
-            how = f", after simulating the last {replayed:,} again without learning"
         if count:
-            print(f"perdure: seed {seed} resumes at step {count:,}{how}", file=sys.stderr)
+            print(f"perdure: seed {seed} resumes at step {count:,}", file=sys.stderr)
     try:
         yield
     except KeyboardInterrupt as interrupt:

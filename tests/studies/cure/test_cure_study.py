@@ -8,7 +8,7 @@ import pytest
 
 from perdure.cli import run as run_command
 from perdure.learn import TrainRun, method_config
-from perdure.learn.run import command
+from perdure.learn.provenance import command
 from perdure.runs import Store, attempt
 from studies.cure import grid, study
 from studies.disturbance.grid import Condition
