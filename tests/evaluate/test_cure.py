@@ -12,7 +12,7 @@ import perdure
 from perdure.cli import run as run_command
 from perdure.envs import task_spec
 from perdure.errors import PerdureError
-from perdure.evaluate import Extrapolation, options, stored
+from perdure.evaluate import Extrapolation, options, units
 from perdure.evaluate.compare import compare
 from perdure.horizon import Fixed, HorizonProtocol
 from perdure.policy import Normalizer, Policy, TaskInfo, load_policy, save_policy
@@ -154,7 +154,7 @@ def test_of_several_seeds_the_chosen_one_is_judged_where_it_was_not_chosen(weak,
 def test_a_finished_cure_runs_no_episode_again(weak, trained, tmp_path, monkeypatch):
     trained(pole(BALANCING))
     page = cure(weak, tmp_path / "out").page.read_bytes()
-    monkeypatch.setattr(stored, "evaluate_group", None)
+    monkeypatch.setattr(units, "evaluate_group", None)
     assert cure(weak, tmp_path / "out").page.read_bytes() == page
 
 

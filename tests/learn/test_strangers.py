@@ -1,6 +1,7 @@
 """Training continues policies of other libraries: each begins as its maker's, and is refused with a way out."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,14 @@ from onnx import TensorProto, helper, numpy_helper
 
 from perdure.cli import run as run_command
 from perdure.errors import PerdureError
+from perdure.horizon import Constant, Countdown
 from perdure.learn.recipe import Recipe
 from perdure.learn.run import Segments
 from perdure.learn.start import start_file
 from perdure.policy import Normalizer, TaskInfo, load_policy
 from perdure.policy.onnx import OnnxModel, export_onnx
-from perdure.policy.readers.found import policies_by_seed, policy_file
+from perdure.policy.readers import FoundModel
+from perdure.policy.readers.found import import_found, policies_by_seed, policy_file
 from perdure.policy.readers.onnx_network import import_onnx
 from tests.policy.make_policy import random_policy
 
@@ -106,6 +109,19 @@ def test_the_statistics_of_a_vecnormalize_keep_their_count(tmp_path):
 def test_a_squashed_policy_is_refused_with_its_reason(name, tmp_path):
     with pytest.raises(PerdureError, match=r"tanh.*own learner"):
         Recipe().config(read(FIXTURES / f"{name}.zip", tmp_path, normalizer="none"), TASK)
+
+
+@pytest.mark.filterwarnings("ignore:the time feature counts down")
+def test_a_time_feature_that_the_normalizer_saw_is_kept(tmp_path):
+    model = FoundModel(FIXTURES / "ppo-time.zip", TASK, str(FIXTURES / "ppo-time.pkl"), "linear:50")
+    policy = load_policy(import_found(model, None, {}, tmp_path, (), lambda sentence: None))
+    config = Recipe().config(policy, TASK)
+    assert config.protocol == replace(policy.protocol, gamma=0.999)
+    segments = Segments(TASK, config, 1)
+    begun = segments.algorithm.policy(segments.first(0, policy).learner)
+    for clock in (Countdown(50.0), Constant(20.0)):
+        expected = policy.act(STATES, np.arange(40.0), clock)
+        np.testing.assert_allclose(begun.act(STATES, np.arange(40.0), clock), expected, rtol=1e-4, atol=1e-5)
 
 
 def test_each_seed_continues_its_own_model(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from contextlib import redirect_stdout
 from dataclasses import dataclass, fields
@@ -19,7 +18,7 @@ from perdure.evaluate.cure import cure as cure_policy
 from perdure.evaluate.table import TABLE_FILE
 from perdure.report import wording
 from perdure.report.comparison_page import document_text
-from perdure.report.cure_page import document
+from perdure.report.cure_page import document, export_command
 from perdure.runs.progress import show_progress
 
 
@@ -91,10 +90,10 @@ def _last_lines(result: CureResult) -> str:
     """Return the time, where the cured policy is, how to export it, and the page."""
     took = wording.duration(result.seconds / 3600.0)
     training = wording.duration(result.training_seconds / 3600.0)
-    lines = [f"  time    {took}, of which {training} of training"]
+    lines = [f"  time     {took}, of which {training} of training"]
     if result.policy is not None:
-        export = shlex.join(["perdure", "export", str(result.policy), "cured.onnx"])
-        lines += [f"  policy  {result.policy}", f"  export  {export}"]
+        export = export_command(result.cured, str(result.policy))
+        lines += [f"  policy   {result.policy}", f"  export   {export}"]
     if result.page is not None:
         lines.append(f"\nReport: {result.page.resolve()}")
     return "\n".join(lines)

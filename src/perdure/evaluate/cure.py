@@ -18,8 +18,9 @@ from perdure.errors import PerdureError, did_you_mean, lookup
 from perdure.evaluate.compare import By
 from perdure.evaluate.options import Extrapolation
 from perdure.evaluate.run import file_subjects
-from perdure.evaluate.stored import REPLACED, Execution, open_evaluator
+from perdure.evaluate.stored import REPLACED, open_evaluator
 from perdure.evaluate.table import TABLE_FILE, ExtrapolationResult, file_note, made_with, train_seed
+from perdure.evaluate.units import Execution
 from perdure.learn.recipe import Recipe
 from perdure.learn.run import TrainRun, kept_steps, train
 from perdure.policy import load_policy
@@ -27,6 +28,7 @@ from perdure.policy.readers.found import policy_file
 from perdure.report.comparison import BETTER, MEASURES, PolicyKey, Ranked, compare_policies, rank_policies
 from perdure.report.cure_page import Cured, next_steps, text, write_page
 from perdure.report.estimates import Estimate, estimate_table
+from perdure.report.lead import Step
 from perdure.report.outcomes import NeverWorked
 from perdure.report.schema import FILE_NOTE, IMPORTED
 from perdure.runs import Observer, file_digest, write_atomic
@@ -169,7 +171,8 @@ def cure(
     asked, reading, where = _read_settings(options or Cure(), settings)
     folder = Path(out)
     start, run = _further_training(policy, asked, reading, folder, tell)
-    judging = replace(evaluation or Extrapolation(), modules=asked.modules)
+    judging = evaluation or Extrapolation()
+    judging = replace(judging, modules=(*judging.modules, *asked.modules))
     execution = Execution(out=folder, **where)
     with progress(f"{run.task} before", "steps") as observe:
         before, (key,) = _judge([start], judging, replace(execution, observe=observe))
@@ -178,7 +181,10 @@ def cure(
     result = CureResult(cured, asked, before, start)
     if not _never_fails(cured.before):
         result = _treat(result, run, judging, execution, progress)
-    page = _write(result, str(policy), folder, execution.command)
+    given = {"env": asked.env, **{name.replace("_", "-"): value for name, value in reading.items()}}
+    named = {name: value for name, value in given.items() if value not in (None, False)}
+    following = next_steps(result.cured, str(policy), named, asked.steps, folder)
+    page = _write(result, following, folder, execution.command)
     return replace(result, page=page, seconds=time.monotonic() - began)
 
 
@@ -323,11 +329,9 @@ def _selection(order: Sequence[PolicyKey], ranked: Sequence[Ranked], fresh: int)
     )
 
 
-def _write(result: CureResult, name: str, folder: Path, command: str) -> Path:
+def _write(result: CureResult, following: Sequence[Step], folder: Path, command: str) -> Path:
     """Write the table and the page into the folder of the results; return the page."""
     result.evaluation.write_table(folder, command)
     made = made_with()
-    following = next_steps(result.cured, name, result.asked.steps, folder)
-    return write_page(
-        result.cured, following, folder, command, f"Evaluated on {made['evaluated']}. With {made['versions']}"
-    )
+    made_words = f"Evaluated on {made['evaluated']}. With {made['versions']}"
+    return write_page(result.cured, following, folder, command, made_words)

@@ -63,7 +63,6 @@ class Recipe(Further):
             name,
             self.config(policy, task),
             seeds,
-            preset=recipe_preset(task),
             base_method=base_method(policy, task),
             disturb=self.disturb,
             start=start,
@@ -72,8 +71,8 @@ class Recipe(Further):
     def config(self, policy: Policy, task: str) -> PPOConfig:
         """Return the settings with which a policy is trained further: those of the task's preset, and the recipe's.
 
-        A policy with a time-to-go input keeps the horizon protocol that it was trained with, and so its objective
-        without a discount: only the noise is new. Without that protocol its input would mean something else.
+        A policy with a time-to-go input keeps the horizon protocol that it was trained with, because its input would
+        mean something else without it. Where that has no discount, only the noise is new.
 
         Raises:
             PerdureError: As `run`.
@@ -84,6 +83,8 @@ class Recipe(Further):
         protocol = replace(config.protocol, gamma=self.longer_gamma(policy.protocol))
         if policy.has_clock:
             protocol = policy.protocol
+            if protocol.gamma < 1.0:
+                protocol = replace(protocol, gamma=self.longer_gamma(protocol))
         if any(name.endswith(".scale") for name in policy.weights):
             config = replace(config, protocol=protocol, conditioning="film")
         config = replace(

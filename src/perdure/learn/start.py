@@ -114,8 +114,6 @@ def check_policy(policy: Policy) -> None:
         )
     if "policy.1.weight" not in policy.weights:
         raise PerdureError(f"{name} has no hidden layer, and PPO here needs one: {OWN_LEARNER}")
-    if policy.protocol.normalize_embedding:
-        raise PerdureError("the policy's normalizer is kept, so normalize_embedding must be off")
 
 
 def check_start(policy: Policy, config: PPOConfig, spec: TaskSpec) -> None:
@@ -133,10 +131,12 @@ def check_start(policy: Policy, config: PPOConfig, spec: TaskSpec) -> None:
     if policy.protocol.embedding not in (None, config.protocol.embedding):
         raise PerdureError(
             f"the policy's time-to-go input is {policy.protocol.embedding}, that of the method "
-            f"{config.protocol.embedding}; name the method that it was trained with"
+            f"{config.protocol.embedding}; name the method that it was trained with (perdure cure keeps any)"
         )
-    if config.protocol.normalize_embedding:
-        raise PerdureError("the policy's normalizer is kept, so normalize_embedding must be off")
+    if policy.protocol.normalize_embedding != config.protocol.normalize_embedding:
+        raise PerdureError(
+            "the policy's normalizer is kept, so normalize_embedding must be as in the policy's training"
+        )
 
 
 def _moments(policy: Policy) -> RunningMoments:

@@ -247,7 +247,7 @@ def write_page(result: Summary | Ranking, out: str | os.PathLike[str], command: 
     return write_atomic(folder / PAGE, page(title, parts, command, made))
 
 
-def measures_table(summary: Summary) -> str:
-    """Return the table of all measures, a part of a page."""
+def measures_table(summary: Summary, note: str = "") -> str:
+    """Return the table of all measures, a part of a page; `note` stands under it in place of the usual one."""
     notes = {START_STATES: NOTE, RUNS: RUNS_NOTE}
-    return table("Measures", _headings(summary), list(_table_rows(summary)), notes[summary.unit])
+    return table("Measures", _headings(summary), list(_table_rows(summary)), note or notes[summary.unit])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from perdure.report.comparison_page import headline as difference
 from perdure.report.comparison_page import measures_table, summary_document
 from perdure.report.estimates import Estimate
 from perdure.report.figures import make_figures
-from perdure.report.groups import Group
+from perdure.report.groups import NO_CLOCK, Group
 from perdure.report.lead import DOCS, Step, verdict_row
 from perdure.report.outcomes import Falls
 from perdure.report.page import figures, header, page
@@ -32,11 +32,15 @@ NOTES = {
     WORSE: "The comparison shows that the further training made it worse: keep the policy you had.",
     CANNOT_TELL: "The comparison does not show that it helped: keep the policy you had.",
 }
+NOTE = (
+    "Intervals are 95 %: of differences of the deciding condition by betting, of others Student's t below ten start "
+    "states, else a bootstrap; a share is exact (Clopper-Pearson). Failures an hour are counted after settling; their "
+    "bounds are one-sided 95 % each (Garwood)."
+)
 ANOTHER_NOISE = "standard-1"
 """What the next training may meet, if the first one did not help."""
-MORE = 10
-"""How many times as many steps as before to try next, at most `MOST_STEPS`."""
-MOST_STEPS = 1_000_000
+MORE_STEPS = 1_000_000
+"""Likewise."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +109,14 @@ def _kept_speed(before: Group, after: Group) -> str:
     rates = [_gain(group) for group in (before, after)]
     if not (np.isfinite(rates).all() and rates[0] > 0.0):
         return ""
-    unit = "reward"
-    if np.isfinite(before["published_rate"]).all():  # of a robot that is paid to move on
-        unit = "speed"
-    return f", at {100.0 * rates[1] / rates[0]:.0f} % of its {unit}"
+    return f", at {100.0 * rates[1] / rates[0]:.0f} % of its {_unit(before)}"
+
+
+def _unit(group: Group) -> str:
+    """Return what the reward a step above idle is called: that of a robot which is paid to move on is its speed."""
+    if np.isfinite(group["published_rate"]).all():
+        return "speed"
+    return "reward"
 
 
 def _gain(group: Group) -> float:
@@ -120,12 +128,27 @@ def text(cured: Cured) -> str:
     """Return the answer, the verdicts and the comparison for a terminal."""
     lines = [headline(cured)]
     for title, items in (("before", cured.before), ("after", cured.after)):
-        lines += [f"  {title:6}  {item.verdict.sentence}" for item in items]
+        lines += [f"  {title:7}  {item.verdict.sentence}" for item in items]
     if cured.summary is not None:
-        lines.append(f"  so      {difference(cured.summary)}")
+        lines.append(f"  compare  {difference(cured.summary)}")
     if cured.selection:
-        lines.append(f"  chosen  {cured.selection}")
+        lines.append(f"  chosen   {cured.selection}")
     return "\n".join(lines)
+
+
+def _condition(cured: Cured) -> str:
+    """Return under what the failures of the first line were counted, and what its speed is."""
+    group = cured.before[-1].group
+    where = "when calm"
+    if not group.calm:
+        where = f"under {group.condition}"
+    counted = f"{wording.count(group.episodes, 'episode')} of {group.test_horizon:,} steps {where}"
+    unit = _unit(group).capitalize()
+    return f"Failures are counted in {counted}. {unit}: reward a step when calm, above that of an idle robot."
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def document(cured: Cured) -> dict[str, Any]:
@@ -143,12 +166,13 @@ def document(cured: Cured) -> dict[str, Any]:
     }
 
 
-def next_steps(cured: Cured, policy: str, steps: int, out: Path) -> list[Step]:
+def next_steps(cured: Cured, policy: str, given: Mapping[str, Any], steps: int, out: Path) -> list[Step]:
     """Return what to do next.
 
     Args:
         cured: What the cure did.
         policy: The name by which commands find the policy that was trained further.
+        given: Flags with which it is read, such as the environment of a model.
         steps: Environment steps of the further training.
         out: Folder of the results.
     """
@@ -156,8 +180,8 @@ def next_steps(cured: Cured, policy: str, steps: int, out: Path) -> list[Step]:
         return []
     link = f"{DOCS}when-a-policy-fails.md#cure-it"
     if cured.verdict != BETTER:
-        longer = {"steps": min(MORE * steps, max(MOST_STEPS, steps)), "out": f"{out}-longer"}
-        other = {"disturb": ANOTHER_NOISE, "out": f"{out}-{ANOTHER_NOISE}"}
+        longer = {**given, "steps": max(steps, MORE_STEPS), "out": f"{out}-longer"}
+        other = {**given, "disturb": ANOTHER_NOISE, "out": f"{out}-{ANOTHER_NOISE}"}
         return [
             Step("Train under what it will meet.", link, _command("cure", policy, other)),
             Step("Train for more steps.", link, _command("cure", policy, longer)),
@@ -166,14 +190,24 @@ def next_steps(cured: Cured, policy: str, steps: int, out: Path) -> list[Step]:
     confirm = {"first-eval-seed": 1000, "out": f"{out}-confirmed"}
     return [
         Step("Confirm it on other start states.", link, _command("extrapolate", cured_file, confirm)),
-        Step("Export it for a runtime.", f"{DOCS}export-onnx.md", _command("export", cured_file, {}, "cured.onnx")),
+        Step("Export it for a runtime.", f"{DOCS}export-onnx.md", export_command(cured, cured_file)),
     ]
+
+
+def export_command(cured: Cured, policy: str) -> str:
+    """Return the command that exports the cured policy, with the clock under which it was judged."""
+    flags = {}
+    if cured.after and cured.after[-1].group.clock_kind != NO_CLOCK:
+        flags["clock"] = cured.after[-1].group.clock_flag
+    return _command("export", policy, flags, "cured.onnx")
 
 
 def _command(name: str, policy: str, flags: dict[str, Any], *others: str) -> str:
     words = ["perdure", name, policy, *others]
     for flag, value in flags.items():
-        words += [f"--{flag}", str(value)]
+        words.append(f"--{flag}")
+        if value is not True:
+            words.append(str(value))
     return shlex.join(words)
 
 
@@ -187,16 +221,19 @@ def write_page(cured: Cured, following: Sequence[Step], out: Path, command: str,
         command: What made it.
         made: What it was made with.
     """
-    items = [*cured.before, *cured.after]
-    points = []
+    points = [_condition(cured)]
     if cured.summary is not None:
-        points += [NOTES[cured.verdict], difference(cured.summary).capitalize(), *cured.summary.notes]
+        points += [NOTES[cured.verdict], _sentence(difference(cured.summary)), *cured.summary.notes]
     if cured.selection:
         points.append(cured.selection)
-    sentence = headline(cured).removeprefix(f"{cured.task}: ")
-    parts = [header(cured.task, sentence, points, [verdict_row(item.verdict) for item in items], following)]
-    top, _ = make_figures(items)
+    verdicts = []
+    for title, items in (("before", cured.before), ("after", cured.after)):
+        for row in (verdict_row(item.verdict) for item in items):
+            verdicts.append(replace(row, who=f"{title}: {row.who}"))
+    sentence = _sentence(headline(cured).removeprefix(f"{cured.task}: "))
+    parts = [header(cured.task, sentence, points, verdicts, following)]
+    top, _ = make_figures([*cured.before, *cured.after])
     parts.append(figures(unique(top, set())))
     if cured.summary is not None:
-        parts.append(measures_table(cured.summary))
+        parts.append(measures_table(cured.summary, NOTE))
     return write_atomic(out / PAGE, page(headline(cured), parts, command, made))

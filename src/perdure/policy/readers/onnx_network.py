@@ -61,29 +61,30 @@ def import_onnx(path: str | Path, env: str, *, training_horizon: int | None = No
     model.check_sizes(spec)
     if model.times or model.state:
         raise PerdureError(f"{path} has inputs beside the observation: {NOT_PLAIN}")
+    with refusing(str(path)):
+        policy = _policy(path, spec, resolve_training_horizon(spec, training_horizon or model.training_horizon))
+        _check_actions(policy, model, str(path))
+    provenance = {
+        "method": f"ONNX ({path.stem})",
+        "source": {"file": path.name, "sha256": model_digest(path), "env": env},
+        "versions": library_versions(),
+    }
+    policy = replace(policy, provenance=provenance)
+    if measure:
+        policy = replace(policy, reference=measure_reference(policy))
+    return policy
+
+
+def _policy(path: Path, spec: TaskSpec, horizon: int) -> Policy:
+    """Return the policy of a model's network, trained in episodes of `horizon` steps."""
     network = _read_network(path, spec)
-    policy = Policy(
+    return Policy(
         task=TaskInfo.of(spec),
         weights=network.weights(),
         activation=network.activation(str(path)),
         normalizer=network.normalizer(spec.observation_size, str(path)),
-        protocol=HorizonProtocol(
-            None,
-            Fixed(resolve_training_horizon(spec, training_horizon or model.training_horizon)),
-            "truncated",
-            GAMMA,
-            GAMMA,
-        ),
-        provenance={
-            "method": f"ONNX ({path.stem})",
-            "source": {"file": path.name, "sha256": model_digest(path), "env": env},
-            "versions": library_versions(),
-        },
+        protocol=HorizonProtocol(None, Fixed(horizon), "truncated", GAMMA, GAMMA),
     )
-    _check_actions(policy, model, str(path))
-    if measure:
-        policy = replace(policy, reference=measure_reference(policy))
-    return policy
 
 
 NOT_PLAIN = (
@@ -203,17 +204,16 @@ def _read_network(path: Path, spec: TaskSpec) -> _Network:
     import onnx
 
     network = _Network()
-    with refusing(str(path)):
-        graph = onnx.load_model_from_string(read_whole(path)).graph
-        constants = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
-        for node in graph.node:
-            if node.op_type == "Constant" and node.attribute and node.attribute[0].HasField("t"):
-                constants[node.output[0]] = onnx.numpy_helper.to_array(node.attribute[0].t)
-        for node, value in _chain(graph, constants, str(path)):
-            try:
-                _read_operator(network, node, value, constants)
-            except PerdureError as error:
-                raise PerdureError(f"{path}: {error}; {NOT_PLAIN}") from None
+    graph = onnx.load_model_from_string(read_whole(path)).graph
+    constants = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "Constant" and node.attribute and node.attribute[0].HasField("t"):
+            constants[node.output[0]] = onnx.numpy_helper.to_array(node.attribute[0].t)
+    for node, value in _chain(graph, constants, str(path)):
+        try:
+            _read_operator(network, node, value, constants)
+        except PerdureError as error:
+            raise PerdureError(f"{path}: {error}; {NOT_PLAIN}") from None
     inputs = network.layers[0][0].shape[0] if network.layers else 0
     outputs = network.layers[-1][0].shape[1] if network.layers else 0
     if (inputs, outputs) != (spec.observation_size, spec.action_size):
