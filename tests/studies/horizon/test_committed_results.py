@@ -157,7 +157,7 @@ def test_so_many_runs_of_discounted_ppo_hold_and_fall_when_calm(results):
     every = runs.agg(holds=(pl.col("outcome") == "holds").all(), falls=(pl.col("outcome") == "falls").all())
     assert (len(every), every["holds"].sum(), every["falls"].sum()) == (20, 7, 11)
     page = " ".join((RESULTS.parents[1] / "docs" / "how-to" / "when-a-policy-fails.md").read_text().split())
-    assert "seven of twenty runs of discounted PPO on Hopper" in page
+    assert "seven of twenty runs of discounted PPO on Hopper held" in page
     assert "for 100,000 calm steps, and eleven fell from each" in page
 
 

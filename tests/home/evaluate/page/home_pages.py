@@ -51,7 +51,7 @@ def table(page, title):
     part = page.partition(f"<h2>{title}</h2>")[2].partition("</table>")[0]
     headings = [html.unescape(each) for each in re.findall("<th>(.*?)</th>", part)]
     rows = re.findall("<tr>(<td>.*?)</tr>", part)
-    cells = [[html.unescape(each) for each in re.findall("<td>(.*?)</td>", row)] for row in rows]
+    cells = [[html.unescape(each).replace("\xa0", " ") for each in re.findall("<td>(.*?)</td>", row)] for row in rows]
     return [dict(zip(headings, row, strict=True)) for row in cells]
 
 
