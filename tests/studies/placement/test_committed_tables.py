@@ -103,7 +103,6 @@ def test_what_the_answer_says_holds(tables):
     alone = pl.Series([float(each.partition("; ")[2].removesuffix(" %")) / 100 for each in (before, after)])
     others = pl.Series([row(task, place)["stabilizing mean"] for task in TASKS for place in RELEASES[1:]])
     for page, said, found in (
-        ("README.md", "from {:.0f} % [52, 100] to {:.0f} % [93, 100] (150 episodes each", drag),
         ("README.md", "Every object stays in {:.0f} to {:.0f} % of the episodes with one plan", opened),
         ("docs/home/index.md", "took over no skill and all are in place at the end in {:.0f} to {:.0f} %", shares),
         (
