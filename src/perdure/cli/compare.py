@@ -13,10 +13,10 @@ import tyro
 
 from perdure.cli.extrapolate import NOT_HOLDING
 from perdure.cli.parse import Cores, Normalizer, On, TimeFeature, Trust, call, whole_command
-from perdure.cli.subjects import is_function, load_function, policy_sides
+from perdure.cli.subjects import is_function, load_function, policy_sides, tell
 from perdure.envs import module_of, task_of_environment
 from perdure.errors import PerdureError
-from perdure.evaluate.compare import Comparison, ComparisonResult, RankingResult, rank
+from perdure.evaluate.compare import TABLE, Comparison, ComparisonResult, RankingResult, rank
 from perdure.evaluate.compare import compare as compare_sides
 from perdure.policy.onnx import is_onnx
 from perdure.report.comparison_page import PAGE, document_text, ranking_document, summary_document
@@ -66,8 +66,7 @@ def compare(flags: Flags, command: str) -> None:
         result = _run(flags, command)
     page = flags.out / PAGE
     if flags.json:
-        assert result.path is not None
-        print(document_text(_document(result), table=result.path, page=page))
+        print(document_text(_document(result), table=flags.out / TABLE, page=page))
     else:
         print(f"{result}\n\nReport: {page.resolve()}")
     if isinstance(result, ComparisonResult) and not result.met:
@@ -98,7 +97,7 @@ def _run(flags: Flags, command: str) -> ComparisonResult | RankingResult:
         raise PerdureError("--require needs two sides, A and B")
     with show_progress("compare", "steps") as observe:
         where: dict[str, Any] = {"out": flags.out, "cores": flags.cores, "on": flags.on, "observe": observe}
-        where |= {"command": command, "waiting": lambda: _tell(f"waiting for another evaluation into {flags.out}")}
+        where |= {"command": command, "waiting": lambda: tell(f"waiting for another evaluation into {flags.out}")}
         if len(sides) == 2:
             return compare_sides(sides[0], sides[1], comparison=asked, **where)
         return rank(sides, comparison=asked, **where)
@@ -114,7 +113,3 @@ def _options(flags: Flags, names: Sequence[str]) -> Flags:
     if any(is_function(name) or is_onnx(name) for name in names):
         return replace(flags, policies=(), modules=modules)
     return replace(flags, policies=(), modules=modules, env=None, training_horizon=None)
-
-
-def _tell(sentence: str) -> None:
-    print(f"perdure: {sentence}", file=sys.stderr)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from perdure.cli.parse import Cores, Normalizer, On, TimeFeature, Trust, call, whole_command
-from perdure.cli.subjects import is_function, load_function, named_files, policy_files
+from perdure.cli.subjects import is_function, load_function, named_files, policy_files, tell
 from perdure.errors import PerdureError
 from perdure.evaluate import Extrapolation, ExtrapolationResult
 from perdure.evaluate.options import OWN_CLOCK
@@ -78,7 +78,7 @@ def extrapolate(flags: Flags, command: str) -> None:
     del result  # the report needs the memory
     assert table is not None
     if flags.normalizer == "none" and NeverWorked.name in states:
-        _tell(
+        tell(
             "with --normalizer none the policy sees raw observations; if it was trained behind VecNormalize, give the "
             "file that its save() wrote, often vecnormalize.pkl beside the model"
         )
@@ -103,7 +103,7 @@ def _evaluate_files(flags: Flags, command: str) -> ExtrapolationResult:
     sb3 = {"normalizer": flags.normalizer, "time_feature": flags.time_feature, "trust": flags.trust}
     files = policy_files(names, flags.env, sb3, flags.training_horizon, flags.out, flags.modules)
     if flags.clocks != OWN_CLOCK and not any(map(takes_clock, files)):
-        _tell("no policy here has a time-to-go input, so --clocks has no effect")
+        tell("no policy here has a time-to-go input, so --clocks has no effect")
     if any(map(is_onnx, files)):
         result = _evaluate(flags, files, flags.env, flags.training_horizon, command)
     else:  # the file of a policy names its task
@@ -133,13 +133,9 @@ def _evaluate(
             on=flags.on,
             command=command,
             observe=observe,
-            waiting=lambda: _tell(f"waiting for another evaluation into {flags.out}"),
+            waiting=lambda: tell(f"waiting for another evaluation into {flags.out}"),
             stop_early=flags.require is not None,
         )
-
-
-def _tell(sentence: str) -> None:
-    print(f"perdure: {sentence}", file=sys.stderr)
 
 
 def report(table: tyro.conf.Positional[Path], out: Path | None = None, formats: tuple[Format, ...] = ("png",)) -> None:
@@ -207,7 +203,7 @@ def write_and_show(
         print(summary_text(estimates))
     stopped = early_stop(notes)
     if stopped is not None:
-        _tell(str(stopped))
+        tell(str(stopped))
     command = notes.get("command", "")
     files = named_files(command)
     page = write_report(estimates, out, command, formats, notes, table.parent / STILLS, files).resolve()

@@ -26,7 +26,7 @@ from perdure.learn.run import TrainRun, kept_steps, train
 from perdure.policy import load_policy
 from perdure.policy.readers.found import policy_file
 from perdure.report.comparison import BETTER, MEASURES, PolicyKey, Ranked, compare_policies, rank_policies
-from perdure.report.cure_page import Cured, next_steps, text, write_page
+from perdure.report.cure_page import CURED, Cured, next_steps, text, write_page
 from perdure.report.estimates import Estimate, estimate_table
 from perdure.report.lead import Step
 from perdure.report.outcomes import NeverWorked
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 TRAINING = "training"
 """Folder of the further training in the folder of the results."""
-CURED = "cured.safetensors"
-"""The cured policy in the folder of the results."""
 READING = ("normalizer", "trust", "training_horizon")
 """Options of `perdure.policy.readers.import_sb3` that a cure takes for a model."""
 PLACES = ("cores", "on", "command")

@@ -238,7 +238,7 @@ class RobotCamera(Renderer):
         self._camera.elevation = ELEVATION
 
     def take(self, push: FloatArray | None = None) -> Picture:
-        """Return a picture of the simulation as it is now, with an arrow for a push."""
+        """Render the current state of the simulation, with an arrow for a push."""
         if push is None or not np.any(push):
             return self.draw(self._data, self._camera)
         return self.draw(self._data, self._camera, partial(self._add_arrow, push / np.linalg.norm(push)))

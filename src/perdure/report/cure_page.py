@@ -25,6 +25,8 @@ from perdure.runs import write_atomic
 
 PAGE = "cure.html"
 """Name of the page of a cure."""
+CURED = "cured.safetensors"
+"""Name of the cured policy in the folder of the results."""
 HELD = "held already"
 """Verdict on a cure of a policy that needs none."""
 NOTES = {
@@ -186,7 +188,7 @@ def next_steps(cured: Cured, policy: str, given: Mapping[str, Any], steps: int, 
             Step("Train under what it will meet.", link, _command("cure", policy, other)),
             Step("Train for more steps.", link, _command("cure", policy, longer)),
         ]
-    cured_file = str(out / "cured.safetensors")
+    cured_file = str(out / CURED)
     confirm = {"first-eval-seed": 1000, "out": f"{out}-confirmed"}
     return [
         Step("Confirm it on other start states.", link, _command("extrapolate", cured_file, confirm)),
@@ -228,7 +230,8 @@ def write_page(cured: Cured, following: Sequence[Step], out: Path, command: str,
         points.append(cured.selection)
     verdicts = []
     for title, items in (("before", cured.before), ("after", cured.after)):
-        for row in (verdict_row(item.verdict) for item in items):
+        for item in items:
+            row = verdict_row(item.verdict)
             verdicts.append(replace(row, who=f"{title}: {row.who}"))
     sentence = _sentence(headline(cured).removeprefix(f"{cured.task}: "))
     parts = [header(cured.task, sentence, points, verdicts, following)]

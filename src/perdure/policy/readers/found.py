@@ -72,7 +72,11 @@ def policies_by_seed(
     path = Path(name)
     if not path.is_dir() or not any(re.fullmatch(r"seed-\d+", each.stem) for each in path.iterdir()):
         return policy_file(name, folder, env, options, (), tell)
-    models = {seed: file for seed in seeds for file in _models_of_seed(path, seed)[:1]}
+    models = {}
+    for seed in seeds:
+        of_seed = _models_of_seed(path, seed)
+        if of_seed:
+            models[seed] = of_seed[0]
     if not models:  # policy files
         return path
     by_seed = folder / path.resolve().name
@@ -102,7 +106,10 @@ def import_found(
         if options.get(name) is None:
             own[name] = getattr(model, name)
     words = [f"{name.replace('_', ' ')} {value}" for name, value in own.items() if value not in (None, env)]
-    tell(f"reading {model.path}" + (f" with {', '.join(words)}" if words else ""))
+    sentence = f"reading {model.path}"
+    if words:
+        sentence += f" with {', '.join(words)}"
+    tell(sentence)
     file = import_once(model.path, folder, **{**options, **own})
     engine = load_policy(file).provenance.get("engine")
     if engine:

@@ -214,8 +214,10 @@ def _read_network(path: Path, spec: TaskSpec) -> _Network:
             _read_operator(network, node, value, constants)
         except PerdureError as error:
             raise PerdureError(f"{path}: {error}; {NOT_PLAIN}") from None
-    inputs = network.layers[0][0].shape[0] if network.layers else 0
-    outputs = network.layers[-1][0].shape[1] if network.layers else 0
+    if not network.layers:
+        raise PerdureError(f"{path} has no linear layer: {NOT_PLAIN}")
+    inputs = network.layers[0][0].shape[0]
+    outputs = network.layers[-1][0].shape[1]
     if (inputs, outputs) != (spec.observation_size, spec.action_size):
         raise PerdureError(
             f"{path} has a network of {inputs} inputs and {outputs} outputs, but {spec.name} gives "
@@ -292,15 +294,19 @@ def _compute(network: _Network, kind: str, constant: FloatArray, first: bool) ->
 
 def _bounds(kind: str, node: Any, constants: Mapping[str, NDArray[Any]]) -> tuple[FloatArray, FloatArray]:
     """Return the bounds that an operator cuts to."""
-    found = [np.full(1, -np.inf), np.full(1, np.inf)]
+    low = np.full(1, -np.inf)
+    high = np.full(1, np.inf)
     if kind == "Clip":
-        for place, name in enumerate(node.input[1:3]):
-            if name:
-                found[place] = _vector(np.asarray(constants[name], np.float64))
-        return found[0], found[1]
+        names = node.input  # the value and its bounds, which may be missing or ""
+        if len(names) > 1 and names[1]:
+            low = _vector(np.asarray(constants[names[1]], np.float64))
+        if len(names) > 2 and names[2]:
+            high = _vector(np.asarray(constants[names[2]], np.float64))
+        return low, high
     (constant,) = (_vector(np.asarray(constants[name], np.float64)) for name in node.input if name in constants)
-    found[kind == "Min"] = constant
-    return found[0], found[1]
+    if kind == "Min":
+        return low, constant
+    return constant, high
 
 
 def _gemm(network: _Network, node: Any, given: list[FloatArray]) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perdure.errors import PerdureError
+from perdure.policy.files import MOST_CHOICES
 from perdure.policy.policy import TanhSquash
 from perdure.policy.readers.restricted_pickle import TorchState, ZipMembers
 from perdure.runs import read_bounded
@@ -99,8 +100,6 @@ MAX_SETTINGS = 64_000_000
 MAX_WEIGHTS = 512_000_000
 """Bytes of its weights, unpacked."""
 MAX_LAYERS = 32
-MAX_CHOICES = 1_000_000
-"""Of one component of a discrete action."""
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Weight (in, out) and bias (out,)."""
 
@@ -272,7 +271,7 @@ def _choices(space: dict[str, Any], what: str) -> tuple[int, ...]:
             f"read from zips: {USE_A_FUNCTION}"
         )
     numbers = _written_numbers(str(space.get("n", space.get("nvec")))[:10_000])
-    if numbers is None or not len(numbers) or not ((numbers >= 1) & (numbers <= MAX_CHOICES)).all():
+    if numbers is None or not len(numbers) or not ((numbers >= 1) & (numbers <= MOST_CHOICES)).all():
         raise PerdureError(f"{what} does not say how many discrete actions it has")
     return tuple(int(each) for each in numbers)
 
