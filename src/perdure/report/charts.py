@@ -193,7 +193,8 @@ class Axis:
         """Return the marks of an axis whose values reach `high`; at `values` where they are given."""
         marks: Spec = {"grid": grid, "labelFlush": False, "tickCount": 6}
         if self.names:
-            marks |= {"labelAngle": 0, "labelOverlap": False}
+            # One word a line: side by side, whole names would overlap on a narrow page.
+            marks |= {"labelAngle": 0, "labelOverlap": False, "labelExpr": "split(datum.label, ' ')"}
         elif self.percent:
             values = values or (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
             marks |= {"labelExpr": "format(100 * datum.value, '~g') + ' %'"}

@@ -11,14 +11,13 @@ from perdure.disturbances import CALM, applied_disturbances, labels
 from perdure.report.caveats import listed
 from perdure.report.estimates import Estimate, Verdict, advice
 from perdure.report.groups import NO_CLOCK, Group
-from perdure.report.outcomes import COLORS, CONFIRM, CannotTell, Color, NeverWorked, outcome
+from perdure.report.outcomes import COLORS, CONFIRM, CURE, CannotTell, Color, NeverWorked, outcome
 from perdure.report.schema import FILE_NOTE, IMPORTED
 
 MOST_IN_HEADLINE = 2
 """Most policies and clocks that the headline names."""
 MOST_NAMED = 3
 """Most policies for which it is said what to do next."""
-WATCH = "perdure watch {} --until-failure{} --out failure.mp4"
 DOCS = "https://github.com/perdure/perdure/blob/main/docs/how-to/"
 CONFIRM_FROM = 1000
 """First start state of the evaluation that confirms this one, counted from its own first one."""
@@ -127,22 +126,56 @@ def next_steps(
     parts: dict[str, list[Verdict]] = {}
     for item in estimates:
         parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
-    found = dict.fromkeys(advice(verdicts) for verdicts in parts.values())
-    steps = []
-    for sentence, link in list(found)[:MOST_NAMED]:
-        repeat = confirming(command) if sentence == CONFIRM.sentence else ""
-        steps.append(Step(sentence, link, repeat))
-    # A function cannot be filmed: only tables of files name them.
+    found: dict[tuple[str, str], Sequence[Verdict]] = {}
+    for verdicts in parts.values():
+        found.setdefault(advice(verdicts), verdicts)
+    # A function can neither be filmed nor trained further by a command: only tables of files name them.
     of_files = notes is None or any(name.startswith(FILE_NOTE) for name in notes)
-    failing = [item.group for item in estimates if item.group.failed.any()]
-    if of_files and failing:
-        group = failing[0]
-        seed = group["train_seed"][group.failed][0]
-        policy = group["policy"][group.failed][0]
-        digest = (notes or {}).get(f"{FILE_NOTE}{policy}, training seed {seed}", "")
-        watch = _watch_command(group, folder, command, files.get(digest, ""))
+    steps = []
+    for (sentence, link), verdicts in list(found.items())[:MOST_NAMED]:
+        does_it = ""
+        failing = [verdict.group for verdict in verdicts if verdict.group.failed.any()]
+        if sentence == CONFIRM.sentence:
+            does_it = confirming(command)
+        elif sentence == CURE.sentence and of_files and failing:
+            name = _name(failing[0], folder, notes or {}, files)
+            does_it = " ".join(["perdure cure", name, *_flags(_reading(failing[0], folder, command))])
+        steps.append(Step(sentence, link, does_it))
+    failed = [item.group for item in estimates if item.group.failed.any()]
+    if of_files and failed:
+        name = _name(failed[0], folder, notes or {}, files)
+        watch = _watch_command(failed[0], folder, command, name)
         steps.append(Step("See the first failure (needs perdure[film]).", f"{DOCS}watch-a-failure.md", watch))
     return steps
+
+
+def _name(group: Group, folder: Path, notes: Mapping[str, str], files: Mapping[str, str]) -> str:
+    """Return the word by which commands find the policy of the first failed episode of a group; else POLICY."""
+    seed = group["train_seed"][group.failed][0]
+    policy = group["policy"][group.failed][0]
+    name = files.get(notes.get(f"{FILE_NOTE}{policy}, training seed {seed}", ""), "")
+    imported = list((folder / IMPORTED).glob("*.safetensors"))
+    if name:
+        return shlex.quote(name)
+    if len(imported) == 1:
+        return shlex.quote(str(imported[0]))
+    return "POLICY"
+
+
+def _reading(group: Group, folder: Path, command: str) -> dict[str, str | int]:
+    """Return the flags with which a command reads a policy: the environment of a model, and the module of a task."""
+    options: dict[str, str | int] = {}
+    imported = any((folder / IMPORTED).glob("*.safetensors"))
+    if ".onnx" in command and not imported:  # other files name their environment
+        options["env"] = shlex.quote(group.task)
+    module = group.task.rpartition(":")[0].partition(":")[2]
+    if module:
+        options["modules"] = shlex.quote(module)
+    return options
+
+
+def _flags(options: Mapping[str, str | int]) -> list[str]:
+    return [f"--{option} {value}" for option, value in options.items()]
 
 
 def confirming(command: str) -> str:
@@ -181,20 +214,9 @@ def _watch_command(group: Group, folder: Path, command: str, name: str) -> str:
         group: Episodes, of which some failed.
         folder: Of the table, where imported policies are.
         command: What made the table.
-        name: Of the policy's file; "": unknown.
+        name: Of the policy, as `_name` returns it.
     """
-    imported = list((folder / IMPORTED).glob("*.safetensors"))
-    policy = "POLICY"
-    if name:
-        policy = shlex.quote(name)
-    elif len(imported) == 1:
-        policy = shlex.quote(str(imported[0]))
-    options: dict[str, str | int] = {}
-    if ".onnx" in command and not imported:  # other files name their environment
-        options["env"] = shlex.quote(group.task)
-    module = group.task.rpartition(":")[0].partition(":")[2]
-    if module:
-        options["modules"] = shlex.quote(module)
+    options = _reading(group, folder, command)
     options["steps"] = group.test_horizon
     first = int(group["eval_seed"][group.failed].min())
     if first > 0:
@@ -206,5 +228,4 @@ def _watch_command(group: Group, folder: Path, command: str, name: str) -> str:
     if left_out and disturb != CALM:
         disturb = labels(applied_disturbances(disturb, left_out))
     options["disturb"] = disturb
-    flags = "".join(f" --{option} {value}" for option, value in options.items())
-    return WATCH.format(policy, flags)
+    return " ".join(["perdure watch", name, "--until-failure", *_flags(options), "--out failure.mp4"])

@@ -97,9 +97,8 @@ class EpisodeOutcome(Outcome):
 
 
 CONFIRM = Advice("Confirm it on other start states (--first-eval-seed).", "it-holds")
-RAISE_GAMMA = Advice(
-    "Train with gamma 0.999 (a robot: first perdure robot check). If it then learns too little, add a time-to-go.",
-    "falls-or-fails-when-disturbed",
+CURE = Advice(
+    "Train it further, with a longer horizon and under noise (a robot: first perdure robot check).", "cure-it"
 )
 _INPUTS = "Check normalizer, time feature, training horizon (a robot: perdure robot check). If right, train longer."
 
@@ -147,7 +146,7 @@ class Falls(EpisodeOutcome):
     good = False
     order = 1
     meaning = "the environment terminates the episode, other than at its goal"
-    advice = RAISE_GAMMA
+    advice = CURE
     still_seconds = 0.3
     by_end = True
 
@@ -317,7 +316,7 @@ FAILS_WHEN_DISTURBED = "fails when disturbed"
 ENDS_AT_ONE_STEP = "ends at one step"
 SITUATIONS = {
     FALLS_IN_TRAINING: Advice(_INPUTS, "falls-within-its-own-training-horizon"),
-    FAILS_WHEN_DISTURBED: RAISE_GAMMA,
+    FAILS_WHEN_DISTURBED: CURE,
     ENDS_AT_ONE_STEP: Advice(
         "Check whether the environment reports its time limit as a termination.",
         "falls-within-its-own-training-horizon",
