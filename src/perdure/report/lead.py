@@ -126,7 +126,7 @@ def next_steps(
     parts: dict[str, list[Verdict]] = {}
     for item in estimates:
         parts.setdefault(item.group.policy_and_clock, []).append(item.verdict)
-    found: dict[tuple[str, str], Sequence[Verdict]] = {}
+    found: dict[tuple[str, str], list[Verdict]] = {}
     for verdicts in parts.values():
         found.setdefault(advice(verdicts), verdicts)
     # A function can neither be filmed nor trained further by a command: only tables of files name them.
