@@ -11,7 +11,7 @@ from perdure.errors import PerdureError
 from perdure.policy import load_policy, save_policy
 from perdure.runs import Store, Unit
 from studies.cure.claims import claims_table, measure_runs
-from studies.cure.grid import ARMS, BASE, BASE_SEEDS, FIRST_START, PHASES, STARTS, Arm, cells, variant
+from studies.cure.grid import ARMS, BASE, BASE_SEEDS, PHASES, Arm, cells, variant
 from studies.disturbance.grid import Condition
 from studies.disturbance.study import FRESH, ROWS
 from studies.files import include_tables, read_parquet_file, write_csv, write_parquet_file
@@ -46,14 +46,14 @@ def _evaluations(arm: Arm, task: str, training: Unit, store: Path) -> Iterator[t
         settings = {
             "disturb": list(condition.disturbs(task)),
             "steps": condition.steps,
-            "first": FIRST_START,
-            "starts": STARTS,
+            "first": arm.first,
+            "starts": arm.starts,
             "world": "",
         }
         name = condition.name.replace(" ", "-")
         key = f"evaluation/{name}/{training.key}"
         config = {"training": dict(training.config), **settings}
-        size = 0.5 * condition.steps * STARTS
+        size = 0.5 * condition.steps * arm.starts
         arguments = {"paths": [path], **settings}
         yield condition, Unit(key, config, "studies.disturbance.study:evaluate", arguments, (training.key,), size)
 

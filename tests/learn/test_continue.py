@@ -42,7 +42,7 @@ def test_before_its_first_step_it_acts_as_the_policy_that_it_continues(base):
     assert not np.allclose(first_policy(PPO, None).act(STATES, ELAPSED), policy.act(STATES, ELAPSED)), "control"
 
 
-@pytest.mark.parametrize("conditioning", ["concatenate", "film"])
+@pytest.mark.parametrize("conditioning", ["concatenate", "film", "critic"])
 def test_an_added_time_to_go_has_no_effect_at_first(base, conditioning):
     policy = load_policy(base / "seed-0/policy.safetensors")
     begun = first_policy(replace(GEOMETRIC, conditioning=conditioning), policy)
@@ -50,6 +50,19 @@ def test_an_added_time_to_go_has_no_effect_at_first(base, conditioning):
     for steps in (0, 3, 500):
         acted = begun.act(STATES, ELAPSED, Constant(steps))
         np.testing.assert_allclose(acted, policy.act(STATES, ELAPSED), rtol=1e-6)
+
+
+def test_a_time_to_go_in_the_critic_only_never_reaches_the_actions():
+    acts = {}
+    for conditioning in ("critic", "concatenate"):
+        segments = Segments(TASK, replace(GEOMETRIC, conditioning=conditioning), 1)
+        learner = segments.run(segments.first(7), lambda *_: None).learner
+        policy = segments.algorithm.policy(learner)
+        acts[conditioning] = [policy.act(STATES, ELAPSED, Constant(steps)) for steps in (0, 500)]
+        values = [policy.scaled_value(STATES, ELAPSED, ELAPSED + steps) for steps in (1, 500)]
+        assert not np.allclose(*values), "the critic sees it"
+    np.testing.assert_array_equal(*acts["critic"])
+    assert not np.allclose(*acts["concatenate"]), "control"
 
 
 def test_the_critic_is_new_and_the_normalizer_keeps_moving(base):

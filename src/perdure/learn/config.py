@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Activation = Literal["relu", "tanh", "elu", "selu", "leaky_relu", "sigmoid", "silu", "gelu", "softplus", "mish"]
 Decay = Literal["none", "linear"]
-Conditioning = Literal["concatenate", "film"]
+Conditioning = Literal["concatenate", "film", "critic"]
 OMITTED_DEFAULTS = (
     "learning_rate_decay",
     "log_std_end",
@@ -119,7 +119,7 @@ class PPOConfig(Configuration):
     `average-reward:reset_cost=10`."""
     conditioning: Conditioning = "concatenate"
     """How phi enters the networks: `concatenate` appends it to the observation; `film` lets it scale and shift the
-    hidden layers, see `perdure.learn.networks`."""
+    hidden layers, see `perdure.learn.networks`; `critic` shows it to the value network only."""
     clip_obs: float = 10.0
     """Normalized observations are clipped to +-clip_obs, as in Stable-Baselines3's VecNormalize."""
     then: Further | None = None
@@ -147,7 +147,7 @@ class PPOConfig(Configuration):
         require(self.log_std_end is None or self.log_std_end <= self.log_std_init, "log_std_end", ceiling)
         begin, end = self.log_std_fall
         require(0 <= begin < end <= 1, "log_std_fall", "two shares that grow, from 0 to 1")
-        if self.conditioning == "film":
+        if self.conditioning != "concatenate":
             reason = "'concatenate' for a policy without an embedding"
             require(self.protocol.embedding is not None, "conditioning", reason)
             reason = "'concatenate' if protocol.normalize_embedding is set"

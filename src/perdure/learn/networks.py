@@ -9,6 +9,9 @@ phi is appended to the observation. With ``conditioning="film"`` the first layer
 hidden layer becomes act((1 + phi @ scale) * (h @ weight + bias) + phi @ shift), with ``policy.0.scale`` and
 ``policy.0.shift`` of shape (embedding_size, out) (feature-wise linear modulation; Perez et al., 2018). Both start at
 zero, so the networks begin as those of a policy without phi.
+
+With ``conditioning="critic"`` only the value network sees phi: the rows of the policy's first layer that take it are
+zero and stay zero, see `actor_inputs`.
 """
 
 from __future__ import annotations
@@ -61,6 +64,8 @@ def init_params(key: jax.Array, input_size: int, action_size: int, config: PPOCo
             gain = out_gain if layer == len(sizes) - 2 else math.sqrt(2.0)
             layer_key = jax.random.fold_in(net_key, layer)
             weight, bias = _init_layer(layer_key, fan_in, fan_out, gain, config.ortho_init)
+            if config.conditioning == "critic" and name == "policy" and layer == 0:
+                weight = weight.at[input_size - config.protocol.embedding_size :].set(0.0)
             params[f"{name}.{layer}.weight"] = weight
             params[f"{name}.{layer}.bias"] = bias
             if modulating and layer < len(sizes) - 2:
@@ -96,6 +101,13 @@ def forward(params: Params, network: str, inputs: jax.Array, activation: str) ->
                 hidden = (1.0 + phi @ scale) * hidden + phi @ shift
             hidden = activate(hidden)
     return hidden
+
+
+def actor_inputs(inputs: jax.Array, config: PPOConfig) -> jax.Array:
+    """Return the inputs with which the policy network learns: without phi where only the critic sees it."""
+    if config.conditioning == "critic":
+        return inputs.at[:, inputs.shape[1] - config.protocol.embedding_size :].set(0.0)
+    return inputs
 
 
 def log_prob(mean: jax.Array, log_std: jax.Array, actions: jax.Array) -> jax.Array:

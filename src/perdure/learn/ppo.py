@@ -26,7 +26,7 @@ from perdure.errors import PerdureError
 from perdure.learn.advantages import EstimatorState, Transitions, make_estimator
 from perdure.learn.algorithm import Metrics, Sent
 from perdure.learn.first_rollout import first_rollout_facts
-from perdure.learn.networks import EPSILON, Params, entropy, forward, init_params, log_prob, start_moments
+from perdure.learn.networks import EPSILON, Params, actor_inputs, entropy, forward, init_params, log_prob, start_moments
 from perdure.learn.presets import default_clock
 from perdure.learn.rollout import (
     EnvState,
@@ -299,7 +299,7 @@ def loss(params: Params, batch: Batch, config: PPOConfig) -> tuple[jax.Array, ja
     advantages = batch.advantages
     if advantages.shape[0] > 1:
         advantages = (advantages - advantages.mean()) / (advantages.std(ddof=1) + 1e-8)
-    mean = forward(params, "policy", batch.inputs, config.activation)
+    mean = forward(params, "policy", actor_inputs(batch.inputs, config), config.activation)
     values = forward(params, "value", batch.inputs, config.activation)[:, 0]
     log_ratio = log_prob(mean, params["log_std"], batch.actions) - batch.log_probs
     ratio = jnp.exp(log_ratio)

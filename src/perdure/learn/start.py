@@ -86,7 +86,7 @@ def continue_from(policy: Policy, params: Params, config: PPOConfig, spec: TaskS
     if policy.normalizer.is_identity:
         actor = _first_layer_of_normalized(policy, actor)
     known = policy.protocol.embedding_size
-    if config.protocol.embedding_size > known and config.conditioning == "concatenate":
+    if config.protocol.embedding_size > known and config.conditioning != "film":
         first = actor["policy.0.weight"]
         rows = np.zeros((config.protocol.embedding_size - known, first.shape[1]), np.float32)
         actor["policy.0.weight"] = np.concatenate([first, rows])

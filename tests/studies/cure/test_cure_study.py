@@ -49,7 +49,7 @@ def tiny(monkeypatch, tmp_path):
     """A study of one arm on a small task, its only training finished."""
     config = replace(method_config("ppo", "InvertedPendulum-v4", 4), total_steps=64, n_steps=64, hidden_sizes=(4,))
     condition = Condition("standard-1", ("action_noise:0.1",), 100)
-    arm = grid.Arm("tiny", "tiny", "ppo", 1, ("InvertedPendulum-v4",), (3,), continued=False, conditions=(condition,))
+    arm = grid.Arm("tiny", "tiny", "ppo", 1, ("InvertedPendulum-v4",), (3,), base=None, conditions=(condition,))
     monkeypatch.setattr(grid.Arm, "run", lambda self, task: TrainRun(task, self.name, config, self.seeds))
     monkeypatch.setattr("studies.cure.grid.ARMS", (arm,))
     return arm
