@@ -160,7 +160,9 @@ ARMS = (
         for method, words in (("geometric", "geometric time-to-go"), ("ppo", "discounted PPO"))
     ),
     *(
-        Arm(f"continued-{gamma}-noise", f"continued, gamma {gamma}, noise", "ppo", 4, seeds=SECONDARY_SEEDS, gamma=gamma)
+        Arm(
+            f"continued-{gamma}-noise", f"continued, gamma {gamma}, noise", "ppo", 4, seeds=SECONDARY_SEEDS, gamma=gamma
+        )
         for gamma in (0.995, 0.9999)
     ),
     *(
