@@ -78,7 +78,7 @@ PAGES = {
     "results/cure/README.md": 400,
     "results/cure/registered.md": 600,
     "results/disturbance/README.md": 1_250,
-    "results/horizon/README.md": 2_200,
+    "results/horizon/README.md": 2_000,
     "results/horizon/registered.md": 600,
     "results/placement/README.md": 2_350,
     "results/robots/README.md": 400,
