@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from perdure.errors import PerdureError, PerdureWarning
+from perdure.errors import DetailedError, PerdureError, PerdureWarning
 from perdure.schema import printable
 
 AGAIN_SECONDS = 0.05
@@ -91,11 +91,13 @@ def _show_warning(others: Callable[..., None], message: Warning | str, category:
 
 def _sentence(error: ValueError | OSError) -> str:
     text = " ".join(str(error).split())
+    if isinstance(error, DetailedError):
+        text = str(error)
     if isinstance(error, OSError) and error.strerror:
         text = error.strerror
         if error.filename:
             text = f"{error.filename}: {text}"
-    return printable(os.fsencode(text).decode("utf-8", "backslashreplace"))
+    return printable(os.fsencode(text).decode("utf-8", "backslashreplace"), isinstance(error, DetailedError))
 
 
 if __name__ == "__main__":

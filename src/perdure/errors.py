@@ -20,6 +20,10 @@ class PerdureError(ValueError):
     """An argument or a file is wrong: the message names it, says what is wrong and what is allowed."""
 
 
+class DetailedError(PerdureError):
+    """A PerdureError whose lines are shown as they are; those of others are joined to one."""
+
+
 class UnitBusyError(PerdureError):
     """Another process is running the unit."""
 

@@ -116,6 +116,8 @@ class Watch:
     """Policy files or names of shipped policies, of one task."""
     env: str | None = None
     """For model.onnx: its environment, or the contract of its robot."""
+    model: str | None = None
+    """The robot's MJCF, for an --env that names none (deploy.yaml)."""
     clock: str | None = None
     """Clock of the policy: {clocks}, countdown (to the end), or default (its own clock), which is used if left out."""
     until_failure: bool = False
@@ -139,7 +141,7 @@ class Watch:
 
 def watch(flags: Watch) -> None:
     """Film a policy and say what the film shows."""
-    from perdure.envs import task_of_environment
+    from perdure.envs import task_of_environment, with_model
     from perdure.evaluate import watch as films
     from perdure.evaluate.run import load, read_file
     from perdure.policy import find_policy
@@ -147,7 +149,9 @@ def watch(flags: Watch) -> None:
 
     if not flags.policies:
         raise PerdureError("name a policy: a file, or one of perdure list policies")
-    task = "" if flags.env is None else task_of_environment(flags.env)
+    task = ""
+    if flags.env is not None:
+        task = task_of_environment(with_model(flags.env, flags.model))
     loaded: dict[str, PolicyLike] = {}
     for name in flags.policies:
         model = is_onnx(name)
@@ -226,7 +230,9 @@ def inspect(policy: PolicyName) -> None:
 def robot(
     what: tyro.conf.Positional[Literal["check", "init"]],
     contract: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")],
+    model: str | None = None,
     policy: Path | None = None,
+    trace: Path | None = None,
     out: Path = Path("robot.yaml"),
 ) -> None:
     """Draft a robot's contract from its MJCF, or check a contract against its model and its policy.
@@ -234,37 +240,52 @@ def robot(
     init writes a commented draft: joints, pose, gains and limits of the model, and what the exporter of the policy
     noted. check walks for some seconds with common mistakes undone; its exit code is 3 if the robot falls, walks no
     better than without actions, or walks clearly better under another contract: another joint order, gain, scale, order
-    of terms, default pose or decimation.
+    of terms, default pose or decimation; or if a trace differs from what the contract computes.
 
     Args:
         what: What to do with it.
-        contract: For check the YAML file, which is also the --env of `perdure extrapolate`; for init the robot's MJCF.
+        contract: For check the file that is also the --env of `perdure extrapolate`; for init the robot's MJCF, or a
+            deployment file (deploy.yaml, env.yaml) with --model.
+        model: The robot's MJCF, for files that name none.
         policy: The exported policy, model.onnx.
+        trace: For check: observations and actions that were recorded in training or on the robot (.npz).
         out: For init: the file to write.
     """
-    from perdure.policy.onnx import OnnxModel
-    from perdure.robots import read_contract
+    from perdure.envs import with_model
 
     if what == "init":
-        from perdure.robots.draft import MARK, draft
-        from perdure.runs import refuse_replacing, write_atomic
-
-        refuse_replacing(out)
-        text = draft(contract, policy, out.parent)
-        print(write_atomic(out, text.encode()))
-        marked = text.count(f"# {MARK}")
-        given = policy or "policy.onnx"
-        print(f"{marked} places to complete (# {MARK}); then: perdure robot check {out} --policy {given}")
+        _draft_contract(contract, model, policy, out)
         return
+    from perdure.policy.onnx import OnnxModel
+    from perdure.robots import read_contract
     from perdure.robots.check import check
 
-    model = None
+    act = None
     if policy is not None:
-        model = OnnxModel.load(policy)
-    lines, passed = check(read_contract(contract), model)
+        act = OnnxModel.load(policy)
+    read = read_contract(with_model(str(contract), model))
+    lines, passed = check(read, act)
     print(*lines, sep="\n")
     if not passed:
         raise SystemExit(NOT_HOLDING)
+
+
+def _draft_contract(file: Path, model: str | None, policy: Path | None, out: Path) -> None:
+    """Write the draft of a contract, from the MJCF of a robot or from a deployment file."""
+    from perdure.robots.draft import MARK, draft
+    from perdure.robots.readers import DeploymentReader, find_reader
+    from perdure.runs import refuse_replacing, write_atomic
+
+    refuse_replacing(out)
+    reader = find_reader(file)
+    if isinstance(reader, DeploymentReader):
+        text = draft(reader.model_of(file, model), policy, out.parent, file)
+    else:
+        text = draft(file, policy, out.parent)
+    print(write_atomic(out, text.encode()))
+    marked = text.count(f"# {MARK}")
+    given = policy or "policy.onnx"
+    print(f"{marked} places to complete (# {MARK}); then: perdure robot check {out} --policy {given}")
 
 
 COMMANDS: dict[str, Callable[..., None]] = {

@@ -49,6 +49,8 @@ class Flags(Extrapolation):
     """Policy files, names of shipped policies (`perdure list policies`), model.onnx, rsl_rl's model_1.pt, model.zip of
     Stable-Baselines3, a folder of its checkpoints, a run of RL Baselines3 Zoo (logs/ppo/Hopper-v4_1); all for one task.
     Or a Python function (my_policies:walk): imported from the working directory or PYTHONPATH, run in this process."""
+    model: str | None = None
+    """MJCF of the robot, for an --env that names none: Unitree's deploy.yaml, Isaac Lab's env.yaml."""
     normalizer: Normalizer = None
     time_feature: TimeFeature = None
     trust: Trust = False
@@ -70,6 +72,10 @@ def extrapolate(flags: Flags, command: str) -> None:
         flags: Of the command.
         command: The command line, stored with the table.
     """
+    if flags.model is not None:
+        from perdure.envs import with_model
+
+        flags = replace(flags, env=with_model(flags.env or "", flags.model), model=None)
     function = any(is_function(str(each)) for each in flags.policies)
     with redirect_stdout(sys.stderr if flags.json else sys.stdout):  # environments and functions may print
         result = _evaluate_function(flags, command) if function else _evaluate_files(flags, command)

@@ -12,6 +12,7 @@ from perdure.envs.suites import (
     refuse_import,
     task_of_environment,
     task_spec,
+    with_model,
 )
 from perdure.envs.vector_env import VectorEnvWorld
 from perdure.envs.world import BoolArray, FloatArray, IntArray, Step, TaskSpec, World, report_success
@@ -38,4 +39,5 @@ __all__ = [
     "report_success",
     "task_of_environment",
     "task_spec",
+    "with_model",
 ]

@@ -25,6 +25,8 @@ GYMNASIUM_PREFIX = "gymnasium:"
 ENVPOOL_PREFIX = "envpool:"
 ROBOTS = "perdure.robots.world"
 """Imported when a task is the contract of a robot."""
+MODEL_OPTION = ",model="
+"""What separates a contract from the MJCF of its robot, where the contract names none."""
 READERS = "perdure.robots.readers"
 """Knows how the names of contracts end."""
 
@@ -82,10 +84,20 @@ def list_tasks(suite: str | None = None) -> list[TaskListing]:
 
 def is_contract(task: str) -> bool:
     """Return whether a task is named by the contract of a robot, see `perdure.robots`."""
+    task = task.partition(MODEL_OPTION)[0]
     if task.endswith((".yaml", ".yml")):
         return True
     # Other formats are asked for only where a name has an ending: it means an import.
     return re.search(r"\.[a-z]\w*$", task) is not None and task.endswith(import_module(READERS).suffixes())
+
+
+def with_model(env: str, model: str | None) -> str:
+    """Return the name of an environment whose robot has this MJCF; PerdureError if the environment takes none."""
+    if model is None:
+        return env
+    if not is_contract(env):
+        raise PerdureError(f"--model is for an --env that is a file, such as deploy.yaml, not for {env}")
+    return f"{env}{MODEL_OPTION}{model}"
 
 
 def is_task(name: str) -> bool:
@@ -101,6 +113,7 @@ def task_of_environment(name: str) -> str:
     | `gymnasium:Id`, `Module:Id` | that environment of Gymnasium |
     | `envpool:Id` | EnvPool's environment of that name, which is faster |
     | `robot.yaml` | the robot of that contract, see `perdure.robots` |
+    | `deploy.yaml,model=robot.xml` | the same, for files that name no model |
     | `Id` | Gymnasium's environment if Gymnasium can make it, else the task of that name in `perdure list tasks` |
 
     The same name may mean slightly different physics in Gymnasium and in EnvPool. A policy of another library was

@@ -126,18 +126,18 @@ def _unusual(env: VelocityCommandEnv) -> Iterator[str]:
     """Yield what is unusual about a contract and its model."""
     model = env.model
     names = env.contract.joints
-    joints = model.actuator_trnid[:, 0]
+    joints = model.actuator_trnid[: len(names), 0]
     numbers = model.jnt_dofadr[joints]
 
-    driven = [model.joint(k).name for k in range(1, model.njnt)]
-    loose = [name for name in driven if name not in names]
+    driven = [model.joint(number).name for number in model.actuator_trnid[:, 0]]
+    loose = [name for name in (model.joint(k).name for k in range(1, model.njnt)) if name not in driven]
     if loose:
         yield f"no controller holds these joints of the model: {', '.join(loose[:8])}"
     pose = env.contract.values("default_pose")
     low, high = model.jnt_range[joints].T
     for k in np.flatnonzero(model.jnt_limited[joints].astype(bool) & ((pose < low) | (pose > high))):
         yield f"default pose of {names[k]}, {pose[k]:g}, is outside {low[k]:g} to {high[k]:g}"
-    free = [name for name, limit in zip(names, model.actuator_forcelimited, strict=True) if not limit]
+    free = [name for name, limit in zip(names, model.actuator_forcelimited, strict=False) if not limit]
     if free:
         yield f"no torque limit: {', '.join(free[:8])} (effort_limit)"
     bare = [name for name, armature in zip(names, model.dof_armature[numbers], strict=True) if not armature]

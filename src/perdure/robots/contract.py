@@ -9,6 +9,7 @@ import ast
 import inspect
 import math
 import re
+from collections.abc import Iterable
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -31,8 +32,17 @@ Command: TypeAlias = tuple[Number, Number, Number]
 """Forward and lateral velocity [m/s] and yaw rate [rad/s], in the frame of the base."""
 PACKAGE = "package://"
 PER_JOINT = ("default_pose", "stiffness", "damping", "action_scale")
+HELD_VALUES = ("pose", "stiffness", "damping")
 REQUIRED = ("joints", *PER_JOINT, "observations", "time_step", "decimation")
-VALUES = (*PER_JOINT, "effort_limit", "armature", "joint_damping", "friction_loss")
+VALUES = (
+    *PER_JOINT,
+    "effort_limit",
+    "velocity_limit",
+    "saturation_effort",
+    "armature",
+    "joint_damping",
+    "friction_loss",
+)
 
 
 class Term(Record, frozen=True):
@@ -46,6 +56,17 @@ class Term(Record, frozen=True):
     """Lowest and highest value, before the scale."""
     history: Annotated[int, Meta(ge=0, le=1000)] = 0
     """How many of the last steps the policy sees, this one included; 0: as the contract says."""
+    value: Number | tuple[Number, ...] | None = None
+    """Numbers that never change, such as a commanded height, head pose or arm targets. The name is then free."""
+
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """The numbers of `value`."""
+        if self.value is None:
+            return ()
+        if isinstance(self.value, tuple):
+            return self.value
+        return (self.value,)
 
 
 class RandomCommands(Record, frozen=True):
@@ -59,6 +80,34 @@ class RandomCommands(Record, frozen=True):
     """Shortest and longest time for which one is held [s]."""
     standing: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Share of the commands that are zero."""
+
+
+class HeldJoints(Record, frozen=True):
+    """Joints that the harness holds at a pose, because the policy does not drive them."""
+
+    joints: Annotated[tuple[Name, ...], Meta(min_length=1)]
+    """Names of joints of the model, or regular expressions of them."""
+    pose: Number | tuple[Number, ...] = 0.0
+    """Where they are held [rad]: one number, or one for each entry of `joints`."""
+    stiffness: Number | tuple[Number, ...] = 100.0
+    """Proportional gain [N m/rad], in the same way."""
+    damping: Number | tuple[Number, ...] = 2.0
+    """Derivative gain [N m s/rad], in the same way."""
+
+    def matched(self, names: Iterable[str]) -> dict[str, tuple[float, float, float]]:
+        """Return pose, stiffness and damping of the joints among these names that an entry matches.
+
+        Raises:
+            PerdureError: If an entry matches none of them, or is no regular expression.
+        """
+        found = {}
+        columns = [_repeated(getattr(self, field), len(self.joints), field) for field in HELD_VALUES]
+        for pattern, *values in zip(self.joints, *columns, strict=True):
+            matching = [name for name in names if _matches(pattern, name, "held")]
+            if not matching:
+                raise PerdureError(f"held: no joint of the model matches {pattern!r}")
+            found.update(dict.fromkeys(matching, tuple(values)))
+        return found
 
 
 class Contract(Record, frozen=True, kw_only=True):
@@ -97,14 +146,27 @@ class Contract(Record, frozen=True, kw_only=True):
     """Actions are clipped to +- this, before their scale."""
     effort_limit: Values | None = None
     """Largest torques [N m]; left out: those of the model."""
+    velocity_limit: Values | None = None
+    """Speeds at which a motor makes no more torque in its direction of motion [rad/s]; left out: none."""
+    saturation_effort: Values | None = None
+    """With `velocity_limit`: torque of a DC motor at standstill [N m], from which it falls linearly to 0 at the limit,
+    as in Isaac Lab; left out: the full torque up to the limit."""
     armature: Values | None = None
     """Inertia of the rotors [kg m^2]; left out: that of the model."""
     joint_damping: Values | None = None
     """Passive damping beside that of the controller [N m s/rad]; left out: that of the model."""
     friction_loss: Values | None = None
     """Dry friction of the joints [N m]; left out: that of the model."""
+    held: tuple[HeldJoints, ...] = ()
+    """Joints that the harness holds at a pose, such as the arms of a policy for the legs."""
+    action_delay: Annotated[int, Meta(ge=0, le=100)] = 0
+    """Control steps by which joint targets lag behind the actions."""
+    imu: str = ""
+    """Site or body in whose frame the terms `imu_...` are measured; empty: the base."""
     gait_period: Positive = 1.0
-    """Period of the phases that a policy observes [s]; they stand still while the command is zero."""
+    """Period of the phases that a policy observes [s]."""
+    gait_while_standing: Literal["stop", "run"] = "stop"
+    """What the phases do while the command is zero: stop at half a period (holosoma), or run (Unitree)."""
     gait_offsets: tuple[Number, ...] = (0.0, 0.5)
     """Offset of each phase [periods]."""
     command: Command = (0.5, 0.0, 0.0)
@@ -119,6 +181,9 @@ class Contract(Record, frozen=True, kw_only=True):
     is zero."""
     heading_control_stiffness: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
     """A robot that walks and is told no turn is told this [1/s] x its heading error instead, 1 rad/s at most."""
+    heading_control_integral: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
+    """It is told this [1/s^2] x the integral of its heading error, too, against a constant turn to one side; 1 rad/s at
+    most."""
     fall_tilt: Annotated[float, Meta(gt=0.0, le=180.0)] = 70.0
     """Tilt of the base that is a fall [degrees]."""
     trunk: tuple[Name, ...] = ()
@@ -126,6 +191,8 @@ class Contract(Record, frozen=True, kw_only=True):
 
     def size(self, term: Term) -> int:
         """Return how many numbers a term has in one step."""
+        if term.value is not None:
+            return len(term.constants)
         return ObservationTerm.kinds()[term.name].size(self)
 
     @property
@@ -166,12 +233,14 @@ def make_contract(given: Contract, folder: Path = Path()) -> Contract:
         raise PerdureError("joints must differ from each other")
     values = {name: _per_joint(name, getattr(given, name), given.joints) for name in VALUES}
     terms = tuple(_term(each, given.history) for each in given.observations)
-    contract = replace(given, model=str(_model_path(given.model, folder)), observations=terms, **values)
+    contract = replace(given, model=str(model_path(given.model, folder)), observations=terms, **values)
     for term in terms:
         if isinstance(term.scale, tuple) and len(term.scale) != contract.size(term):
             raise PerdureError(f"{term.name} has {contract.size(term)} numbers, but {len(term.scale)} scales")
     if given.history_layout == "by step" and len({term.history for term in terms}) > 1:
         raise PerdureError("history_layout 'by step' needs the same history of every term")
+    if given.saturation_effort is not None and given.velocity_limit is None:
+        raise PerdureError("saturation_effort needs velocity_limit beside it")
     times = [begin for begin, *_ in given.script]
     if times and (times[0] != 0.0 or times != sorted(times) or given.random is not None):
         raise PerdureError("script must begin at 0 and be in the order of time, without random beside it")
@@ -180,6 +249,10 @@ def make_contract(given: Contract, folder: Path = Path()) -> Contract:
 
 def _term(given: str | Term, history: int) -> Term:
     term = Term(given) if isinstance(given, str) else given
+    if term.value is not None:
+        if not term.constants:
+            raise PerdureError(f"{term.name}: value has no numbers")
+        return replace(term, history=term.history or history)
     name = term_name(term.name)
     if name is None:
         kinds = ObservationTerm.kinds()
@@ -207,10 +280,7 @@ def _matched(name: str, values: dict[Name, Number], joints: tuple[str, ...]) -> 
     found = []
     wrong = []
     for joint in joints:
-        try:
-            matching = [number for pattern, number in values.items() if re.fullmatch(pattern, joint)]
-        except re.error as error:
-            raise PerdureError(f"{name}: {error.pattern!r} is no regular expression: {error}") from None
+        matching = [number for pattern, number in values.items() if _matches(pattern, joint, name)]
         if len(matching) != 1:
             wrong.append(f"{len(matching)} match {joint}")
         found += matching
@@ -219,18 +289,36 @@ def _matched(name: str, values: dict[Name, Number], joints: tuple[str, ...]) -> 
     return tuple(found)
 
 
+def _matches(pattern: str, joint: str, name: str) -> bool:
+    """Return whether a regular expression matches the whole name of a joint; PerdureError if it is none."""
+    try:
+        return re.fullmatch(pattern, joint) is not None
+    except re.error as error:
+        raise PerdureError(f"{name}: {error.pattern!r} is no regular expression: {error}") from None
+
+
+def _repeated(value: Number | tuple[Number, ...], count: int, name: str) -> tuple[float, ...]:
+    """Return one number for each of so many entries."""
+    if not isinstance(value, tuple):
+        return (value,) * count
+    if len(value) != count:
+        raise PerdureError(f"held: {name} has {len(value)} values for {count} joints")
+    return value
+
+
 def _model_joints(given: Contract, folder: Path) -> list[str]:
     """Return the names of the joints that can be driven, in the order of the model."""
     import mujoco
 
     try:
-        found = mujoco.MjSpec.from_file(str(_model_path(given.model, folder))).joints
+        found = mujoco.MjSpec.from_file(str(model_path(given.model, folder))).joints
     except ValueError as error:
         raise PerdureError(f"model: {' '.join(str(error).split())}") from None
     return [each.name for each in found if each.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)]
 
 
-def _model_path(text: str, folder: Path) -> Path:
+def model_path(text: str, folder: Path = Path()) -> Path:
+    """Return the path of an MJCF: beside a file in this folder, or package://NAME/PATH; PerdureError without it."""
     package, _, rest = text.removeprefix(PACKAGE).partition("/")
     if not text.startswith(PACKAGE):
         return folder / text

@@ -26,12 +26,13 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.envs.mujoco import MujocoEnv
-from msgspec.structs import replace
+from msgspec.structs import fields
 
 from perdure.errors import PerdureError
-from perdure.robots.contract import Command, Contract, FloatArray
+from perdure.robots.contract import Command, Contract, FloatArray, Term
+from perdure.robots.harness import HeadingCorrection, JointTargets, held_joints
 from perdure.robots.readers import read_contract
-from perdure.robots.terms import ObservationTerm, RobotState
+from perdure.robots.terms import ObservationTerm, RobotState, imu_place
 
 LINEAR_VARIANCE = 0.25
 """Of the tracking reward of the planar velocity, as in mjlab [m^2/s^2]."""
@@ -45,6 +46,7 @@ FALLBACK_RANGE = math.pi  # half the range of a joint without limits [rad]
 TRUNK = 1  # kinds of geoms
 FLOOR = 2
 MINUTE = 60.0
+DEFAULTS = {each.name: each.default for each in fields(Contract)}
 JOINT_FIELDS = {"armature": "armature", "joint_damping": "damping", "friction_loss": "frictionloss"}
 
 
@@ -97,6 +99,10 @@ def _compiled(contract: Contract, visual: bool, content: tuple[bytes, ...]) -> A
                 _decorate(spec, floor)
         for index, name in enumerate(contract.joints):
             _add_controller(spec, contract, index, limits.get(name, math.inf), unset)
+        kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        joints = [each.name for each in spec.joints if each.type in kinds]
+        for name, (_, *gains) in held_joints(contract, joints).items():
+            _add_servo(spec, name, gains, _joint_limit(spec.joint(name), limits.get(name, math.inf)), unset)
         missing = [name for name in contract.trunk if spec.body(name) is None]
         if missing:
             raise PerdureError(f"trunk: {contract.model} has no body {', '.join(missing)}")
@@ -120,7 +126,10 @@ def sources(task: str) -> dict[str, str]:
     model = compiled(contract, False)
     data = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, data)
-    return {"robot": sha256(repr(replace(contract, model="")).encode() + data.tobytes()).hexdigest()}
+    # Only what is not by default: a field that a later version adds then changes no digest.
+    stated = [(each.name, getattr(contract, each.name)) for each in fields(contract) if each.name != "model"]
+    chosen = [(name, value) for name, value in stated if value != DEFAULTS[name]]
+    return {"robot": sha256(repr(chosen).encode() + data.tobytes()).hexdigest()}
 
 
 def _torque_limit(actuator: Any) -> float:
@@ -161,18 +170,31 @@ def _add_controller(spec: Any, contract: Contract, index: int, limit: float, uns
             if np.ndim(getattr(joint, attribute)) > 0:  # since MuJoCo 3.7 a polynomial
                 number = [number, 0.0, 0.0]
             setattr(joint, attribute, number)
+    limit = _joint_limit(joint, limit)
     if contract.effort_limit is not None:
         limit = float(contract.values("effort_limit")[index])
-    elif joint.actfrcrange[0] < joint.actfrcrange[1]:
-        limit = min(limit, float(joint.actfrcrange[1]))
+    gains = [float(contract.values("stiffness")[index]), float(contract.values("damping")[index])]
+    _add_servo(spec, name, gains, limit, unset)
+
+
+def _joint_limit(joint: Any, limit: float) -> float:
+    """Return the largest torque at a joint of the MJCF: its own, or that of its actuator."""
+    if joint.actfrcrange[0] < joint.actfrcrange[1]:
+        return min(limit, float(joint.actfrcrange[1]))
+    return limit
+
+
+def _add_servo(spec: Any, name: str, gains: Sequence[float], limit: float, unset: Any) -> None:
+    """Add a position actuator with stiffness, damping and a largest torque."""
+    joint = spec.joint(name)
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # it would cut a higher or disturbed limit
     made = spec.add_actuator(unset, name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     made.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     made.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    stiffness = float(contract.values("stiffness")[index])
+    stiffness, damping = gains
     made.gainprm[0] = stiffness
     made.biasprm[1] = -stiffness
-    made.biasprm[2] = -float(contract.values("damping")[index])
+    made.biasprm[2] = -damping
     if limit < math.inf:
         made.forcelimited = True
         made.forcerange = [-limit, limit]
@@ -183,12 +205,13 @@ def action_range(model: Any, contract: Contract) -> tuple[FloatArray, FloatArray
 
     Half of this range is the unit of disturbed actions.
     """
-    joints = model.actuator_trnid[:, 0]
+    count = len(contract.joints)  # after them come joints that the harness holds
+    joints = model.actuator_trnid[:count, 0]
     stiffness = np.maximum(contract.values("stiffness"), 1e-9)
     limited = model.jnt_limited[joints].astype(bool)[:, None]
     ends = np.where(limited, model.jnt_range[joints], [-FALLBACK_RANGE, FALLBACK_RANGE]).T
-    limited = model.actuator_forcelimited.astype(bool)
-    reach = np.where(limited, model.actuator_forcerange[:, 1] / stiffness, FALLBACK_RANGE)
+    limited = model.actuator_forcelimited[:count].astype(bool)
+    reach = np.where(limited, model.actuator_forcerange[:count, 1] / stiffness, FALLBACK_RANGE)
     ends = (ends + np.outer([-1.0, 1.0], reach) - contract.values("default_pose")) / contract.values("action_scale")
     low, high = np.clip(np.sort(ends, axis=0), -contract.action_clip, contract.action_clip)
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
@@ -231,6 +254,14 @@ class Schedule:
         return self.command
 
 
+def _value(term: Term, kinds: dict[str, type[ObservationTerm]]) -> Callable[[RobotState], Any]:
+    """Return what computes the values of a term."""
+    if term.value is None:
+        return kinds[term.name]().value
+    constants = term.constants
+    return lambda robot: constants
+
+
 class Observer:
     """Observations of a contract: values of its terms, scaled and clipped, and their history."""
 
@@ -244,7 +275,7 @@ class Observer:
         columns: list[str] = []
         for term, width in zip(terms, widths, strict=True):
             begin = len(columns)
-            self._values.append((kinds[term.name]().value, slice(begin, begin + width)))
+            self._values.append((_value(term, kinds), slice(begin, begin + width)))
             columns += [f"{term.name}[{k}]" for k in range(width)]
         self._raw = np.zeros(len(columns))
         self._scale = np.concatenate([np.broadcast_to(t.scale, w) for t, w in zip(terms, widths, strict=True)])
@@ -379,8 +410,6 @@ class VelocityCommandEnv(MujocoEnv):
         """Build the robot of a contract or of its YAML file; options are those of Gymnasium's `MujocoEnv`."""
         contract = robot if isinstance(robot, Contract) else read_contract(robot)
         self.contract = contract
-        self._pose = contract.values("default_pose")
-        self._scale = contract.values("action_scale")
         self._model = copy.copy(compiled(contract, render_mode is not None))  # disturbances change it
         decimation = contract.decimation or 1
         self.metadata = {**self.metadata, "render_fps": round(1.0 / (self._model.opt.timestep * decimation))}
@@ -389,7 +418,10 @@ class VelocityCommandEnv(MujocoEnv):
         super().__init__(str(Path(contract.model).resolve()), decimation, space, render_mode, **options)
         self.action_space = gymnasium.spaces.Box(*action_range(self.model, contract), dtype=np.float64)
         self._robot = RobotState(contract, self.model, self.data)
-        self._joints = self._robot.positions
+        if contract.imu:
+            imu_place(contract, self.model, self.data)  # raises if there is none
+        self._targets = JointTargets(contract, self.model, self.data)
+        self._correction = HeadingCorrection(contract)
         trunk = [self.model.body(name).id for name in contract.trunk] or [1]
         planes = self.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self._kinds = np.where(planes, FLOOR, np.where(np.isin(self.model.geom_bodyid, trunk), TRUNK, 0))
@@ -408,7 +440,8 @@ class VelocityCommandEnv(MujocoEnv):
         data = self.data
         high = 10.0
         data.qpos[:7] = 0.0, 0.0, high, 1.0, 0.0, 0.0, 0.0
-        data.qpos[self._joints] = self._pose
+        places, pose = self._targets.default_pose()
+        data.qpos[places] = pose
         mujoco.mj_forward(model, data)
         solid = np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
         touching = {*solid, *model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
@@ -421,17 +454,19 @@ class VelocityCommandEnv(MujocoEnv):
     def reset_model(self) -> FloatArray:
         """Stand on the floor in the default pose, heading along x, and return the first observation."""
         qpos = self.init_qpos.copy()
-        qpos[self._joints] += self.np_random.uniform(-JOINT_NOISE, JOINT_NOISE, len(self._joints))
+        joints = self._robot.positions
+        qpos[joints] += self.np_random.uniform(-JOINT_NOISE, JOINT_NOISE, len(joints))
         self.set_state(qpos, np.zeros(self.model.nv))  # type: ignore[no-untyped-call]
         self._schedule.begin(self.np_random)
         self._observer.begin()
         self._robot.walked = -1.0
         self._walk = Walk()
         self._seconds = 0.0
-        self._heading = 0.0
+        self._targets.begin()
+        self._correction.begin()
         self._dt = float(self.dt)
         self._second = deque[float](maxlen=round(1.0 / self._dt))
-        return self._observe(np.zeros(len(self._joints)))
+        return self._observe(np.zeros(len(joints)))
 
     def step(self, action: Any) -> tuple[FloatArray, Any, bool, bool, dict[str, Any]]:
         """Make a control step; see the module."""
@@ -439,8 +474,7 @@ class VelocityCommandEnv(MujocoEnv):
         dt = self._dt
         action = np.asarray(action, np.float64)
         command = self._schedule.command
-        data.ctrl[:] = self._pose + self._scale * action
-        mujoco.mj_step(self.model, data, nstep=self.frame_skip)
+        self._targets.step(action, self.frame_skip)
         self._seconds += dt
         seen = action
         if self.policy_action is not None:
@@ -468,14 +502,9 @@ class VelocityCommandEnv(MujocoEnv):
         robot.read_base()
         robot.action = action
         command = self._schedule.at(self._seconds)
-        forward, lateral, rate = command
         robot.walk_on(command, self._dt)
-        # A robot that walks and is told no turn is told to turn back to its heading.
-        heading = robot.place[2]
-        if rate or not any(command):
-            self._heading = heading
-        correction = self.contract.heading_control_stiffness * math.remainder(self._heading - heading, math.tau)
-        robot.command = (forward, lateral, rate + min(1.0, max(-1.0, correction)))
+        rate = self._correction.rate(command, robot.place[2], self._dt)
+        robot.command = (command[0], command[1], rate)
         return self._observer.read(robot)
 
     def _fell(self) -> bool:
