@@ -98,11 +98,16 @@ class JointTargets:
         speed = self._data.qvel[self._velocities]
         braking = self._model.actuator_biasprm[:, 2] * speed
         limits = self._torque_limits()
-        high = limits * (self._shares * (1.0 - speed / speeds)).clip(0.0, 1.0)
-        low = -limits * (self._shares * (1.0 + speed / speeds)).clip(0.0, 1.0)
+        high = _available(limits, self._shares * (1.0 - speed / speeds))
+        low = -_available(limits, self._shares * (1.0 + speed / speeds))
         torque = (stiffness * (targets - place) + braking).clip(low, high)
         found: FloatArray = place + (torque - braking) / stiffness
         return found
+
+
+def _available(limits: FloatArray, shares: FloatArray) -> FloatArray:
+    """Return shares of the torque limits, at least 0; infinity for all of them, which the simulator itself limits."""
+    return np.where(shares >= 1.0, np.inf, limits * shares.clip(0.0, 1.0))
 
 
 class HeadingCorrection:

@@ -278,12 +278,16 @@ class JointPositions(ObservationTerm):
         return robot.data.qpos.take(robot.positions) - robot.default_pose
 
 
-class AbsoluteJointPositions(JointPositions):
+class AbsoluteJointPositions(ObservationTerm):
     """See `words`."""
 
     name = "joint_pos_abs"
     words = "joint positions [rad]"
-    aliases = ()
+
+    @classmethod
+    def size(cls, contract: Contract) -> int:
+        """Return the number of joints."""
+        return len(contract.joints)
 
     def value(self, robot: RobotState) -> Any:
         """See `ObservationTerm.value`."""
