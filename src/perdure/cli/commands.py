@@ -265,6 +265,12 @@ def robot(
         act = OnnxModel.load(policy)
     read = read_contract(with_model(str(contract), model))
     lines, passed = check(read, act)
+    if trace is not None:
+        from perdure.robots.trace import compare, read_trace
+
+        found, same = compare(read, act, read_trace(trace, read))
+        lines += found
+        passed = passed and same
     print(*lines, sep="\n")
     if not passed:
         raise SystemExit(NOT_HOLDING)

@@ -30,6 +30,13 @@ BETTER = 0.03  # least difference in score that counts
 PROMISING = 0.01  # least difference after the first seconds
 FACTORS = (0.5, 0.7, 1.4, 2.0)
 SCALES = (0.05, 0.25, 1.0, 2.0, 4.0)
+DELAYS = (0, 1, 2)
+FRAMES = (
+    ("base_lin_vel", "base_lin_vel_w", "imu_lin_vel"),
+    ("base_ang_vel", "base_ang_vel_w", "imu_ang_vel"),
+    ("projected_gravity", "imu_projected_gravity"),
+)
+"""Terms of one quantity in several frames."""
 OFFSET = 0.3  # of the default pose [rad]
 UNSTABLE = 2.0  # damping x time step / inertia, integrated explicitly
 SIDES = frozenset(["l", "r", "fl", "fr", "rl", "rr", "lf", "rf", "lh", "rh", "hl", "hr", "left", "right", "joint"])
@@ -52,7 +59,7 @@ def check(contract: Contract, policy: Act | None) -> tuple[list[str], bool]:
     if policy is None:
         return lines, True
     try:
-        made = _act(policy, np.zeros(size), None)[0].size
+        made = act_on(policy, np.zeros(size), None)[0].size
     except PerdureError as error:
         parts = ", ".join(f"{term.name} {contract.size(term)} x {term.history}" for term in contract.terms)
         return [*lines, f"{error}; the contract has {parts}"], False
@@ -102,7 +109,7 @@ def _walk(contract: Contract, policy: Act, name: str, seconds: float) -> tuple[f
     state = None
     observation, _ = env.reset(seed=0)
     for _ in range(steps):
-        action, state = _act(policy, observation, state)
+        action, state = act_on(policy, observation, state)
         observation, reward, fell, _, _ = env.step(action.clip(low, high))
         earned += reward
         if fell:
@@ -110,7 +117,7 @@ def _walk(contract: Contract, policy: Act, name: str, seconds: float) -> tuple[f
     return earned / steps, False
 
 
-def _act(policy: Act, observation: FloatArray, state: Any) -> tuple[FloatArray, Any]:
+def act_on(policy: Act, observation: FloatArray, state: Any) -> tuple[FloatArray, Any]:
     """Return an action, shape (joints,), and the next state of a policy with a memory."""
     arguments = [observation[None]]
     if state is not None:
@@ -169,8 +176,14 @@ def _unusual_damping(env: VelocityCommandEnv, numbers: Any) -> Iterator[str]:
 
 def changes(contract: Contract) -> Iterator[tuple[str, Contract]]:
     """Yield contracts that differ in one thing that is often wrong, and what differs."""
-    yield from _changed_terms(contract)
+    yield from changed_observations(contract)
     yield from _changed_control(contract)
+
+
+def changed_observations(contract: Contract) -> Iterator[tuple[str, Contract]]:
+    """Yield those of them that change what the policy observes."""
+    yield from _changed_terms(contract)
+    yield from _changed_frames(contract)
     yield from _changed_history(contract)
     yield from _changed_joints(contract)
 
@@ -187,14 +200,30 @@ def _changed_terms(contract: Contract) -> Iterator[tuple[str, Contract]]:
             yield f"scale of {term.name} {scale:g}, not {term.scale}", replace(contract, observations=scaled)
 
 
+def _changed_frames(contract: Contract) -> Iterator[tuple[str, Contract]]:
+    """Yield terms of the same quantity in another frame."""
+    terms = contract.terms
+    for k, term in enumerate(terms):
+        for frames in FRAMES:
+            others = [name for name in frames if name != term.name and (contract.imu or not name.startswith("imu"))]
+            if term.name not in frames or term.value is not None:
+                others = []
+            for name in others:
+                moved = (*terms[:k], replace(term, name=name), *terms[k + 1 :])
+                yield f"{name}, not {term.name}", replace(contract, observations=moved)
+
+
 def _changed_control(contract: Contract) -> Iterator[tuple[str, Contract]]:
-    """Yield other gains, action scales and decimations."""
+    """Yield other gains, action scales, decimations and delays."""
     for factor, names in product(FACTORS, (("stiffness", "damping"), ("stiffness",), ("damping",), ("action_scale",))):
         values = {name: tuple(factor * contract.values(name)) for name in names}
         yield f"{' and '.join(names)} x {factor:g}", replace(contract, **values)
     steps = contract.decimation or 1
     for decimation in {max(1, steps // 2), 2 * steps} - {steps}:
         yield f"decimation {decimation}", replace(contract, decimation=decimation)
+    for delay in DELAYS:
+        if delay != contract.action_delay:
+            yield f"action_delay {delay}", replace(contract, action_delay=delay)
 
 
 def _changed_history(contract: Contract) -> Iterator[tuple[str, Contract]]:

@@ -31,7 +31,7 @@ class RobotState:
         self.contract = contract
         self.model = model
         self.data = data
-        joints = model.actuator_trnid[: len(contract.joints), 0]  # after them come joints that the harness holds
+        joints = [model.joint(name).id for name in contract.joints]
         self.positions = model.jnt_qposadr[joints]
         """Places of the contract's joints in `data.qpos`, shape (joints,)."""
         self.velocities = model.jnt_dofadr[joints]

@@ -496,6 +496,19 @@ class VelocityCommandEnv(MujocoEnv):
             reward -= sum(self._second)
         return observation, reward, fell, False, self._walk.measures()
 
+    def sensors(self) -> dict[str, FloatArray]:
+        """Return what a robot measures now and what it is told, as the arrays of `perdure.robots.trace.WIDTHS`."""
+        robot = self._robot
+        found = {
+            "quaternion": self.data.qpos[3:7],
+            "angular_velocity": robot.angular_velocity,
+            "linear_velocity": robot.linear_velocity,
+            "joint_pos": self.data.qpos[robot.positions],
+            "joint_vel": self.data.qvel[robot.velocities],
+            "command": robot.command,
+        }
+        return {name: np.array(values) for name, values in found.items()}
+
     def _observe(self, action: FloatArray) -> FloatArray:
         """Return the observation after a step with this action."""
         robot = self._robot
