@@ -76,8 +76,12 @@ class JointTargets:
 
     def step(self, action: FloatArray, steps: int) -> None:
         """Make so many physics steps with the targets of an action, or of an earlier one under a delay."""
-        self._waiting.append(action)
-        targets = np.concatenate([self._pose + self._scale * self._waiting.popleft(), self._held])
+        if self._delay:
+            self._waiting.append(action)
+            action = self._waiting.popleft()
+        targets = self._pose + self._scale * action
+        if self._held:
+            targets = np.concatenate([targets, self._held])
         if self._speeds is None:
             self._data.ctrl[:] = targets
             mujoco.mj_step(self._model, self._data, nstep=steps)

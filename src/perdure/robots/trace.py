@@ -174,7 +174,7 @@ def compare(contract: Contract, policy: Act | None, trace: Trace) -> tuple[list[
         wrong = f"actions have {trace.action.shape[1]} numbers, the contract {len(contract.joints)} joints"
         return [f"trace: {wrong}"], False
     lines = [f"trace of {len(trace.action)} steps"]
-    problems = []
+    problems: list[str] = []
     if policy is not None:
         problems += _compare_actions(contract, policy, trace)
     env = VelocityCommandEnv(contract)
@@ -229,7 +229,7 @@ class Replay:
         self._computed = computed
         self._different = _differs(computed, trace.observation)
         terms = [name.partition("[")[0] for name in self._names]
-        bare = np.isnan(computed).all(axis=0)
+        bare = [bool(np.isnan(column).all()) for column in computed.T]
         self.unknown = list(dict.fromkeys(term for term, each in zip(terms, bare, strict=True) if each))
         """Terms that cannot be computed from what was recorded."""
 
