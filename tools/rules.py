@@ -48,7 +48,7 @@ PAGES = {
     "docs/explanation/thesis.md": 450,
     "docs/explanation/verdict.md": 1_450,
     "docs/home/benchmark.md": 1_150,
-    "docs/home/differences.md": 950,
+    "docs/home/differences.md": 1_200,
     "docs/home/index.md": 700,
     "docs/home/outcomes.md": 1_400,
     "docs/home/plan.md": 500,
