@@ -66,7 +66,7 @@ PAGES = {
     "CHANGELOG.md": 400,
     "docs/index.md": 600,
     "docs/reference/glossary.md": 650,
-    "docs/reference/json.md": 400,
+    "docs/reference/json.md": 430,
     "docs/reference/methods.md": 600,
     "docs/reference/policy-file.md": 450,
     "docs/reference/speed.md": 500,
