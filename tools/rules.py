@@ -55,6 +55,7 @@ PAGES = {
     "docs/home/training.md": 1_200,
     "docs/home/world.md": 1_400,
     "docs/how-to/any-policy.md": 1_100,
+    "docs/how-to/check-in-ci.md": 350,
     "docs/how-to/disturb-a-policy.md": 800,
     "docs/how-to/export-onnx.md": 350,
     "docs/explanation/verdict-changes.md": 350,
