@@ -183,6 +183,7 @@ def compare(contract: Contract, policy: Act | None, trace: Trace) -> tuple[list[
     problems += _compare_targets(contract, trace)
     problems += _compare_torques(env, trace)
     problems += _compare_pace(env, trace)
+    problems += [f"as recorded with: {change}" for change in replayed.explanations()[:3]]
     if replayed.unknown:
         lines.append(f"not compared, since what they are computed from was not recorded: {', '.join(replayed.unknown)}")
     if not problems:
@@ -284,9 +285,7 @@ class Replay:
         return found
 
     def differences(self) -> list[str]:
-        """Return the first difference of each term, the earliest first, and the changes that explain them."""
-        if not self._different.any():
-            return []
+        """Return the first difference of each term, the earliest first."""
         found = []
         seen = set()
         for step, column in np.argwhere(self._different):
@@ -297,7 +296,7 @@ class Replay:
             recorded = self._trace.observation[step, column]
             both = f"recorded {recorded:.4g}, the contract computes {self._computed[step, column]:.4g}"
             found.append(f"{self._label(column)} differs first at step {step}: {both}")
-        return [*found, *(f"as recorded with: {change}" for change in self._explanations()[:3])]
+        return found
 
     def _label(self, column: int) -> str:
         """Return the name of a component of the observations, with its joint where it is of one."""
@@ -307,7 +306,7 @@ class Replay:
             return f"{name} ({self._contract.joints[int(number)]})"
         return name
 
-    def _explanations(self) -> list[str]:
+    def explanations(self) -> list[str]:
         """Return changes of the contract with which it computes what was recorded, the best first."""
         longest = max(term.history for term in self._contract.terms)
         steps = min(len(self._states), longest + FIT_STEPS)
