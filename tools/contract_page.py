@@ -8,7 +8,8 @@ from typing import Any
 from msgspec import NODEFAULT
 from msgspec.structs import fields
 
-from perdure.robots.contract import REQUIRED, Contract, RandomCommands, Term, field_texts
+from perdure.robots.contract import REQUIRED, Contract, HeldJoints, RandomCommands, Term, field_texts
+from perdure.robots.readers import ContractReader
 from perdure.robots.terms import ObservationTerm
 
 HEAD = """# Contract of a robot
@@ -21,12 +22,25 @@ expressions of their names. `perdure robot init robot.xml` writes a draft
 
 def page() -> str:
     """Return the whole page as Markdown."""
-    parts = [HEAD, _fields(Contract), "## A term of `observations`", _fields(Term), "## `random`"]
+    parts = [HEAD, _fields(Contract)]
+    for title, kind in (("A term of `observations`", Term), ("`held`", HeldJoints), ("`random`", RandomCommands)):
+        parts += [f"## {title}", _fields(kind)]
+    parts += ["## Observation terms", _terms(), "## Files that are read", _formats()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _terms() -> str:
+    """Return the table of the observation terms."""
     rows = [
         f"| `{name}` | {kind.words} | {', '.join(kind.aliases)} |" for name, kind in ObservationTerm.kinds().items()
     ]
-    terms = ["| term | value | other names |", "|---|---|---|", *rows]
-    return "\n\n".join([*parts, _fields(RandomCommands), "## Observation terms", "\n".join(terms)]) + "\n"
+    return "\n".join(["| term | value | other names |", "|---|---|---|", *rows])
+
+
+def _formats() -> str:
+    """Return the table of the formats that hold a contract."""
+    rows = [f"| `{name}` | {kind.words} |" for name, kind in ContractReader.kinds().items()]
+    return "\n".join(["| format | files |", "|---|---|", *rows])
 
 
 def _fields(kind: type) -> str:

@@ -9,7 +9,7 @@ from msgspec.structs import fields
 from perdure.__main__ import main
 from perdure.errors import PerdureError
 from perdure.robots import Contract, read_contract
-from perdure.robots.contract import RandomCommands, Term, field_texts
+from perdure.robots.contract import HeldJoints, RandomCommands, Term, field_texts
 from perdure.robots.draft import MARK, draft
 from perdure.robots.readers import parse_yaml
 from tests.robots.test_contract import MJLAB
@@ -147,7 +147,7 @@ def test_a_model_that_is_none_is_refused(tmp_path):
             draft(tmp_path / name, None, tmp_path)
 
 
-@pytest.mark.parametrize("kind", [Contract, Term, RandomCommands])
+@pytest.mark.parametrize("kind", [Contract, Term, HeldJoints, RandomCommands])
 def test_every_field_is_explained(kind):
     assert list(field_texts(kind)) == [field.name for field in fields(kind)]
     assert np.all([len(text) > 10 for text in field_texts(kind).values()])
