@@ -223,6 +223,16 @@ def test_what_a_contract_cannot_hold_is_named_with_the_command_that_writes_the_r
     assert yaml.safe_load(text)["decimation"] == 4
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("scene:", "scene: {}\nother:"), ("scale: 0.25,", "scale: {(: 1.0},"), ("decimation: 4", "decimation: [4]")],
+)
+def test_a_file_of_another_form_is_refused(g1, tmp_path, old, new):
+    assert old in ENV
+    with pytest.raises(PerdureError, match="not as Isaac Lab writes it"):
+        read_contract(f"{write(tmp_path, 'env.yaml', ENV.replace(old, new))},model={g1}")
+
+
 def test_joints_without_an_action_are_held_by_their_actuators(g1, tmp_path):
     text = ENV.replace("joint_names: [.*], scale", "joint_names: [.*hip.*, .*knee.*, .*ankle.*], scale")
     contract = read_contract(f"{write(tmp_path, 'env.yaml', text)},model={g1}")

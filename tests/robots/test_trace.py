@@ -130,6 +130,7 @@ def test_what_perdure_records_is_a_trace_of_its_contract(ant, arrays):
         ({"action": np.zeros((STEPS - 1, 8))}, "as many rows"),
         ({"command": np.full((STEPS, 3), np.nan)}, "command must be finite"),
         ({"action": np.full((STEPS, 8), "x")}, "action must be numbers"),
+        ({"quaternion": np.zeros((STEPS, 4))}, "no orientation"),
     ],
 )
 def test_arrays_that_are_no_trace_are_refused(ant, arrays, tmp_path, change, message):

@@ -49,7 +49,7 @@ def as_written_by(authors: str) -> Iterator[None]:
         yield
     except PerdureError:
         raise
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError, re.error) as error:
         found = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
         raise PerdureError(f"it is not as {authors} writes it ({found})") from None
 

@@ -41,7 +41,7 @@ class IsaacLabEnvironment(DeploymentReader):
 def _reading(values: Mapping[str, Any], robot: Mapping[str, Any]) -> Reading:
     fields: dict[str, Any] = {"time_step": float(values["sim"]["dt"]), "decimation": int(values["decimation"])}
     missing: dict[str, str] = {}
-    asset = next(each for each in values["scene"].values() if isinstance(each, Mapping) and "actuators" in each)
+    (asset,) = [each for each in values["scene"].values() if isinstance(each, Mapping) and "actuators" in each]
     _add_action(values["actions"], robot["breadth first"], fields, missing)
     joints = fields.get("joints", [])
     if joints:

@@ -124,6 +124,8 @@ def make_trace(arrays: Mapping[str, Any], contract: Contract) -> Trace:
     wrong = [f"{name} {len(values)}" for name, values in found.items() if len(values) != steps]
     if wrong or steps < 2:
         raise PerdureError(f"all arrays need as many rows, at least 2: observation has {steps}, {', '.join(wrong)}")
+    if "quaternion" in found and not np.linalg.norm(found["quaternion"], axis=1).all():
+        raise PerdureError("a quaternion of all zeros is no orientation")
     return Trace(found.pop("observation"), found.pop("action"), joints, found)
 
 
@@ -345,9 +347,12 @@ def _compare_targets(contract: Contract, trace: Trace) -> Iterator[str]:
         return
     step, joint = different[0]
     both = f"recorded {late[step, joint]:.4g}, the contract computes {early[step, joint]:.4g}"
-    slope, offset = np.polyfit(actions[: len(late), joint], late[:, joint], 1)
-    fit = f"action_scale {slope:.3g} and default_pose {offset:.3g} fit"
-    yield f"target of {contract.joints[joint]} differs first at step {step + delay}: {both} ({fit})"
+    mine = actions[: len(late), joint]
+    fit = ""
+    if np.ptp(mine) > TOLERANCE:
+        slope, offset = np.polyfit(mine, late[:, joint], 1)
+        fit = f" (action_scale {slope:.3g} and default_pose {round(offset, 6):.3g} fit)"
+    yield f"target of {contract.joints[joint]} differs first at step {step + delay}: {both}{fit}"
 
 
 def _delay_errors(actions: FloatArray, targets: FloatArray) -> list[float]:
