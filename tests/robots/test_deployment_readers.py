@@ -7,9 +7,11 @@ import pytest
 import yaml
 
 from perdure.__main__ import main
+from perdure.envs import task_of_environment, task_spec, with_model
 from perdure.errors import PerdureError
 from perdure.robots import read_contract
 from perdure.robots.draft import MARK, draft
+from perdure.robots.world import sources
 from tests.robots.test_draft import policy_with
 
 LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
@@ -303,3 +305,36 @@ def test_env_beside_deploy_adds_limits_to_the_draft(g1, tmp_path):
         (tmp_path / name).rename(tmp_path / "params" / name)
     values = yaml.safe_load(draft(g1, tmp_path / "exported" / "policy.onnx", tmp_path))
     assert max(values["effort_limit"]) == 139.0
+
+
+LEAPP = {
+    "models": {
+        "policy": {
+            "inputs": [{"name": "joint_pos", "shape": [1, 2], "kind": "state/joint/position"}],
+            "outputs": [
+                {"name": "target", "kind": "target/joint/position", "element_names": [[LEGS[0][3], LEGS[1][3]]]},
+                {"name": "kp_gains", "kind": "kp"},
+            ],
+        }
+    },
+    "pipeline": {"inputs": {"policy": ["joint_pos"]}, "outputs": {"policy": ["target", "kp_gains"]}},
+}
+"""In the form of LEAPP's documentation of semantic annotations."""
+
+
+def test_a_graph_of_leapp_gives_joints_and_the_rest_is_named(g1, tmp_path):
+    path = write(tmp_path, "graph.yaml", LEAPP)
+    with pytest.raises(PerdureError, match=r"observations: .*joint_pos \(state/joint/position\)"):
+        read_contract(f"{path},model={g1}")
+    assert yaml.safe_load(draft(g1, None, tmp_path, path))["joints"] == [LEGS[0][3], LEGS[1][3]]
+
+
+def test_a_file_with_a_model_is_a_task(g1, tmp_path):
+    name = with_model(str(write(tmp_path, "deploy.yaml", DEPLOY)), str(g1))
+    assert task_of_environment(name) == name
+    assert task_spec(name).observation_size == 390
+    path = tmp_path / "robot.yaml"
+    path.write_text(draft(g1, None, tmp_path, tmp_path / "deploy.yaml"))
+    assert sources(name) == sources(str(path)), "one robot, whichever file it is read from"
+    with pytest.raises(PerdureError, match="--model is for an --env that is a file"):
+        with_model("Hopper-v5", str(g1))

@@ -5,7 +5,7 @@ Importing this package registers `perdure/VelocityCommand-v0`; the path of a con
 
 import gymnasium
 
-from perdure.robots import deployment, isaac_lab, legged_gym, unitree  # noqa: F401  (their readers register themselves)
+from perdure.robots import deployment, isaac_lab, leapp, legged_gym, unitree  # noqa: F401  (their readers register themselves)
 from perdure.robots.contract import Contract
 from perdure.robots.readers import read_contract
 
