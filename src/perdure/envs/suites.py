@@ -25,8 +25,6 @@ GYMNASIUM_PREFIX = "gymnasium:"
 ENVPOOL_PREFIX = "envpool:"
 ROBOTS = "perdure.robots.world"
 """Imported when a task is the contract of a robot."""
-MODEL_OPTION = ",model="
-"""What separates a contract from the MJCF of its robot, where the contract names none."""
 READERS = "perdure.robots.readers"
 """Knows how the names of contracts end."""
 
@@ -84,7 +82,8 @@ def list_tasks(suite: str | None = None) -> list[TaskListing]:
 
 def is_contract(task: str) -> bool:
     """Return whether a task is named by the contract of a robot, see `perdure.robots`."""
-    task = task.partition(MODEL_OPTION)[0]
+    if re.search(r"\.[a-z]\w*,", task):  # options after the name of a file
+        task = str(import_module(READERS).split_name(task)[0])
     if task.endswith((".yaml", ".yml")):
         return True
     # Other formats are asked for only where a name has an ending: it means an import.
@@ -97,7 +96,7 @@ def with_model(env: str, model: str | None) -> str:
         return env
     if not is_contract(env):
         raise PerdureError(f"--model is for an --env that is a file, such as deploy.yaml, not for {env}")
-    return f"{env}{MODEL_OPTION}{model}"
+    return str(import_module(READERS).with_model(env, model))
 
 
 def is_task(name: str) -> bool:

@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 
 from msgspec.structs import replace
 
-from perdure.envs.suites import MODEL_OPTION
 from perdure.errors import DetailedError, PerdureError, did_you_mean
 from perdure.policy.onnx import metadata
 from perdure.registry import Registered
@@ -33,6 +32,8 @@ from perdure.robots.mjcf import read_model
 from perdure.runs import read_bounded
 from perdure.schema import checked
 
+MODEL_OPTION = ",model="
+"""What separates a file from the MJCF of its robot in the name of an environment."""
 MOST_NODES = 10_000
 """Values that aliases in a deployment file may repeat."""
 
@@ -174,6 +175,11 @@ def split_name(name: str | Path) -> tuple[Path, str | None]:
     if not model:
         return Path(file), None
     return Path(file), model
+
+
+def with_model(name: str, model: str) -> str:
+    """Return the name of a contract in a file with this MJCF of the robot."""
+    return f"{name}{MODEL_OPTION}{model}"
 
 
 def suffixes() -> tuple[str, ...]:
