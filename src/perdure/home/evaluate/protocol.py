@@ -139,14 +139,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
         PerdureError: If a policy is missing.
     """
     policies = {seed: protocol.policies_of(seed) for seed in range(protocol.train_seeds)}
-    seen: dict[str, int] = {}
-    for seed, acting in policies.items():
-        same = seen.setdefault(json.dumps(_digests(acting), sort_keys=True), seed)
-        if same != seed:
-            raise PerdureError(
-                f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
-                "--train-seeds 1"
-            )
+    check_distinct_seeds({seed: policy_digests(acting) for seed, acting in policies.items()})
     for block in episode_blocks(protocol, store):
         acting = policies[block.train_seed]
         arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
@@ -154,6 +147,18 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
         size = float(block.last - block.first + 1)
         cores = len(os.sched_getaffinity(0))
         yield Unit(block.key(protocol), config, f"{__name__}:run_block", arguments, size=size, cores=cores)
+
+
+def check_distinct_seeds(digests: Mapping[int, Any]) -> None:
+    """PerdureError if two training seeds have the same digests of policies (JSON)."""
+    seen: dict[str, int] = {}
+    for seed, acting in digests.items():
+        same = seen.setdefault(json.dumps(acting, sort_keys=True), seed)
+        if same != seed:
+            raise PerdureError(
+                f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
+                "--train-seeds 1"
+            )
 
 
 def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol:
@@ -197,12 +202,20 @@ def run_block(
 
 def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
     """Return everything that the logs of a block depend on."""
-    scene = protocol.options.scene
     return {
-        **{name: getattr(protocol, name) for name in ("task", "split", "place")},
+        "task": protocol.task,
         **{name: getattr(block, name) for name in ("train_seed", "eval_seed")},
         "episodes": [block.first, block.last],
-        "policies": _digests(policies),
+        "policies": policy_digests(policies),
+        **run_config(protocol),
+    }
+
+
+def run_config(protocol: EvaluationProtocol) -> dict[str, Any]:
+    """Return what the logs of a protocol depend on beside task, episodes, seeds and policies."""
+    scene = protocol.options.scene
+    return {
+        **{name: getattr(protocol, name) for name in ("split", "place")},
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
@@ -212,7 +225,8 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
     }
 
 
-def _digests(policies: Policies) -> dict[SkillName, str]:
+def policy_digests(policies: Policies) -> dict[SkillName, str]:
+    """Return what identifies the policy of each skill: SHA-256 and clock, or `ORACLE`."""
     return {
         skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or ORACLE
         for skill, each in policies.items()
