@@ -13,10 +13,8 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.day_table import (
@@ -36,14 +34,13 @@ from perdure.home.evaluate.log import UNTRAINED, EpisodeLog
 from perdure.home.evaluate.policies import SkillPolicy, choose_policies, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol, check_distinct_seeds, policy_digests, run_config
 from perdure.home.skills import Skill, get_skill
-from perdure.home.tasks.episodes import Episode
 from perdure.home.tasks.errands import Errand, HomeState, draw_errand, errand_generator, first_state, state_after
 from perdure.home.tasks.planners import ClosedLoop, needed_skills
 from perdure.home.tasks.tasks import SkillName, get_task
 from perdure.runs import Observer, Store, Unit, Work, run_missing, write_atomic
 from perdure.schema import read_json
 
-HOMES_SIDE_BY_SIDE = 10
+HOMES_SIDE_BY_SIDE = 20
 """Homes of one unit. More of them cost less each; fewer keep more cores busy."""
 TABLE = "day.parquet"
 _CHECKPOINT = "homes.json"
@@ -227,7 +224,9 @@ def _round(
         elif day.rows:
             after[day.home] = _ended(day, NO_ERRAND_LEFT)
         else:
-            raise PerdureError(f"no errand of {', '.join(protocol.errands)} can be drawn at the start of home {day.home}")
+            raise PerdureError(
+                f"no errand of {', '.join(protocol.errands)} can be drawn at the start of home {day.home}"
+            )
     # Homes with the same task run side by side.
     for task, asked in by_task.items():
         for day in _run_errands(protocol, block, policies[task], asked, threads):

@@ -81,6 +81,7 @@ COLUMNS: Mapping[str, DayColumn] = {
     "taken_over": DayColumn(_NUMBER, "skills that the oracle took over from a policy"),
     "fell": DayColumn(_NUMBER, "objects that lie on the floor after it and did not before"),
     "tipped_targets": DayColumn(_NUMBER, "targets that are tipped after it, those on the floor left out"),
+    "knocked_over": DayColumn(_NUMBER, "other objects that are tipped after it and were not before"),
     "stood": DayColumn(
         Real(0.0, 1e6), "longest time in which the base stood within 0.1 m and no skill but reset_arm succeeded", "s"
     ),
@@ -132,6 +133,7 @@ def errand_columns(log: EpisodeLog, errand: Errand, before: HomeState, after: Ho
         "targets": len(targets),
         "fell": len(floor_after - floor_before),
         "tipped_targets": len(tipped & targets),
+        "knocked_over": len(tipped - targets - _tipped(before)),
         "stood": longest_stand(log),
         "on_floor": len(floor_after),
         "tipped": len(tipped),

@@ -263,9 +263,7 @@ def _draw_goal(
     return None
 
 
-def _errand(
-    task: str, first: Episode, state: HomeState, chosen: Sequence[int], goals: Sequence[Placement]
-) -> Errand:
+def _errand(task: str, first: Episode, state: HomeState, chosen: Sequence[int], goals: Sequence[Placement]) -> Errand:
     others = [number for number in range(len(state.objects)) if number not in chosen]
     numbers = (*chosen, *others)
     # A plan knows doors that are open or closed. One between them must be opened, and the closed loop closes it.
@@ -289,7 +287,7 @@ def _errand(
 
 
 def state_after(errand: Errand, lane: Simulator) -> HomeState:
-    """Return the state in which an errand left a home. What the hand still held is released: the next errand drops it."""
+    """Return the state in which an errand left a home. What the hand still held falls as the next errand begins."""
     scene = lane.scene
     positions = dict(zip(scene.links, lane.links.tolist(), strict=True))
     poses, _ = lane.objects(len(scene.placements))
@@ -307,9 +305,7 @@ def state_after(errand: Errand, lane: Simulator) -> HomeState:
     return HomeState(tuple(found[number] for number in sorted(found)), positions, base, arm)
 
 
-def find_receptacle(
-    apartment: Apartment, point: tuple[float, float, float], positions: Mapping[str, float]
-) -> str:
+def find_receptacle(apartment: Apartment, point: tuple[float, float, float], positions: Mapping[str, float]) -> str:
     """Return the receptacle on which an object with its middle at a point lies, by its unique name; else `NOWHERE`.
 
     It is the nearest one below the point. Surfaces reach 0.1 m beyond the region in which objects are drawn.
