@@ -30,7 +30,7 @@ from perdure.home.evaluate.day_table import (
     write_days,
 )
 from perdure.home.evaluate.execute import Executor
-from perdure.home.evaluate.log import UNTRAINED, EpisodeLog
+from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.policies import SkillPolicy, choose_policies, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol, check_distinct_seeds, policy_digests, run_config
 from perdure.home.skills import Skill, get_skill
@@ -184,12 +184,13 @@ def run_homes(work: Work, *, protocol: DayProtocol, block: HomeBlock, policies: 
         PerdureError: If a policy file has changed since the unit was made, or a home has no errand at its start.
     """
     checkpoint = work.folder / _CHECKPOINT
-    days: tuple[HomeDay, ...] = tuple(
-        HomeDay(home, first_state(protocol.errands, protocol.first.split, home, block.eval_seed)[1])
-        for home in range(block.first, block.last + 1)
-    )
+    days: Sequence[HomeDay]
     if checkpoint.exists():
         days = read_json(checkpoint.read_bytes(), tuple[HomeDay, ...])
+    else:
+        homes = range(block.first, block.last + 1)
+        states = [first_state(protocol.errands, protocol.first.split, home, block.eval_seed)[1] for home in homes]
+        days = [HomeDay(home, state) for home, state in zip(homes, states, strict=True)]
     days = _round(protocol, block, policies, days, work.threads)
     work.report(sum(min(day.hours, protocol.hours) for day in days), len(days) * protocol.hours)
     if not all(day.over for day in days):
@@ -268,6 +269,8 @@ def _run_errands(
         place=protocol.first.place,
         train_seed=train_seed,
     )
+    strategy = protocol.first.strategy
+    named = {name: getattr(strategy, name) for name in ("place", "world", "planner", "fallback")}
     by_index = {each.errand.index: each for each in asked}
     learned = {skill for skill, each in policies.items() if each.learned}
     for log, lane in executor.run_to_end([each.errand for each in asked]):
@@ -281,7 +284,11 @@ def _run_errands(
         elif end >= protocol.hours:
             then = TIME_IS_UP
         row = {
-            **_named(protocol, log),
+            "errands": " ".join(protocol.errands),
+            "split": protocol.first.split,
+            **named,
+            "train_seed": train_seed,
+            "eval_seed": block.eval_seed,
             "home": each.day.home,
             "errand": len(each.day.rows) + 1,
             "begin": begin,
@@ -291,12 +298,6 @@ def _run_errands(
             "then": then,
         }
         yield HomeDay(each.day.home, state, (*each.day.rows, row))
-
-
-def _named(protocol: DayProtocol, log: EpisodeLog) -> Row:
-    """Return the columns that say what was run."""
-    names = ("split", "place", "world", "planner", "fallback", "train_seed", "eval_seed")
-    return {"errands": " ".join(protocol.errands), **{name: getattr(log, name) for name in names}}
 
 
 def run_days(

@@ -188,7 +188,7 @@ def _share(days: pl.DataFrame, count: str) -> Interval:
 def make_figures(view: DayView) -> list[Figure]:
     """Return the figures of a group of homes."""
     drawn = [decay_figure(view), counts_figure(view), survival_figure(view)]
-    return [replace(each, name=slug("day", view.name, each.name), heading=view.name) for each in drawn]
+    return [replace(each, name=slug(each.name, view.name), heading=view.name) for each in drawn]
 
 
 def _sample(view: DayView) -> str:
@@ -256,9 +256,7 @@ def survival_figure(view: DayView) -> Figure:
     found = survival_interval(~failed, view.runs, np.random.default_rng(SEED))
     bounds = np.full((2, len(x)), np.nan)
     bounds[:, -1] = float(found.lower), float(found.upper)
-    curve = Curve(
-        "no intervention", x, y, charts.style(0), bounds[0], bounds[1], intervals="last", watched=times, named=False
-    )
+    curve = Curve("no intervention", x, y, charts.style(0), bounds[0], bounds[1], named=False, intervals="last")
     return Figure(
         name="survival",
         title="Homes in which nobody had to intervene so far",

@@ -242,8 +242,8 @@ def read_days(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, str
 def check_days(frame: pl.DataFrame, name: str) -> None:
     """PerdureError, beginning with a name, unless a table fits `COLUMNS` and holds each errand once."""
     if dict(frame.schema) != _types():
-        wrong = sorted(set(frame.schema.items()) ^ set(_types().items()), key=str)
-        raise PerdureError(f"{name} has wrong, missing or unknown columns: {', '.join(each for each, _ in wrong)}")
+        wrong = sorted({each for each, _ in set(frame.schema.items()) ^ set(_types().items())})
+        raise PerdureError(f"{name} has wrong, missing or unknown columns: {', '.join(wrong or frame.columns)}")
     if frame.is_empty():
         raise PerdureError(f"{name} has no rows")
     try:

@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from perdure.errors import PerdureError
+from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import FreeSpace, free_space
 from perdure.home.sim.pieces import INSIDE_MARGIN, LINK_CONTAINERS, Apartment, Pose, container_of
@@ -132,7 +133,8 @@ def _errand_task(
     return replace(task, targets=targets, opened=dict(opened), stages=tuple(stages))
 
 
-def first_state(errands: Sequence[str], split: str, home: int, eval_seed: int) -> tuple[Episode, HomeState]:
+@lru_cache(maxsize=512)
+def first_state(errands: tuple[str, ...], split: str, home: int, eval_seed: int) -> tuple[Episode, HomeState]:
     """Return the published episode in which a home begins, and the home's state then.
 
     Homes are the first episodes of each apartment of the split, then the second ones. The episode is one of the first
@@ -291,13 +293,12 @@ def state_after(errand: Errand, lane: Simulator) -> HomeState:
     scene = lane.scene
     positions = dict(zip(scene.links, lane.links.tolist(), strict=True))
     poses, _ = lane.objects(len(scene.placements))
-    apartment = errand.apartment()
+    receptacles = find_receptacles(errand.apartment(), poses[:, :3], positions)
+    if lane.held >= 0:
+        receptacles[lane.held] = NOWHERE
     found: dict[int, Placement] = {}
-    rows = zip(errand.numbers, errand.objects, poses.tolist(), strict=True)
-    for row, (number, before, (x, y, z, qw, qx, qy, qz)) in enumerate(rows):
-        receptacle = NOWHERE
-        if row != lane.held:
-            receptacle = find_receptacle(apartment, (x, y, z), positions)
+    rows = zip(errand.numbers, errand.objects, poses.tolist(), receptacles, strict=True)
+    for number, before, (x, y, z, qw, qx, qy, qz), receptacle in rows:
         found[number] = Placement(before.kind, (x, y, z), (qw, qx, qy, qz), receptacle)
     x, y, yaw = lane.robot[:3].tolist()
     base = Pose(x, y, math.remainder(yaw, math.tau))  # it grows with every turn
@@ -305,27 +306,27 @@ def state_after(errand: Errand, lane: Simulator) -> HomeState:
     return HomeState(tuple(found[number] for number in sorted(found)), positions, base, arm)
 
 
-def find_receptacle(apartment: Apartment, point: tuple[float, float, float], positions: Mapping[str, float]) -> str:
-    """Return the receptacle on which an object with its middle at a point lies, by its unique name; else `NOWHERE`.
+def find_receptacles(apartment: Apartment, points: FloatArray, positions: Mapping[str, float]) -> list[str]:
+    """Return the receptacle on which each of some objects lies, by its unique name; `NOWHERE` where there is none.
 
-    It is the nearest one below the point. Surfaces reach 0.1 m beyond the region in which objects are drawn.
+    It is the nearest one below the middle. Surfaces reach 0.1 m beyond the region in which objects are drawn.
 
     Args:
-        apartment: Where it is.
-        point: In the room in [m].
+        apartment: Where they are.
+        points: Middles of the objects in the room in [m]. Shape (n, 3).
         positions: How far drawers and doors are open, by link name.
     """
-    best = NOWHERE
-    lowest = ABOVE
+    found = [NOWHERE] * len(points)
+    lowest = np.full(len(points), ABOVE)
     for each in apartment.receptacles:
         pose = apartment.piece(each.piece).pose
         middle = apartment.surface_to_room(each, np.zeros(2), positions)
-        away = pose.to_local(np.asarray(point)) - pose.to_local(middle)
-        beside = (np.abs(away[:2]) < np.asarray(each.half) + INSIDE_MARGIN).all()
-        if beside and 0.0 <= away[2] < lowest:
-            best = each.unique_name
-            lowest = float(away[2])
-    return best
+        away = pose.to_local(points) - pose.to_local(middle)
+        beside = (np.abs(away[:, :2]) < np.asarray(each.half) + INSIDE_MARGIN).all(axis=1)
+        for row in np.flatnonzero(beside & (away[:, 2] >= 0.0) & (away[:, 2] < lowest)).tolist():
+            found[row] = each.unique_name
+            lowest[row] = away[row, 2]
+    return found
 
 
 def errand_generator(eval_seed: int, home: int, number: int, task: str) -> np.random.Generator:
