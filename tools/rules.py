@@ -48,6 +48,7 @@ PAGES = {
     "docs/explanation/thesis.md": 450,
     "docs/explanation/verdict.md": 1_450,
     "docs/home/benchmark.md": 1_150,
+    "docs/home/day.md": 400,
     "docs/home/differences.md": 950,
     "docs/home/index.md": 700,
     "docs/home/outcomes.md": 1_400,
