@@ -201,6 +201,12 @@ def shipped_policies() -> dict[str, Path]:
     }
 
 
+def policy_name(path: Path) -> str:
+    """Return the name of a shipped policy's file, by which `find_policy` finds it anywhere; any other path as text."""
+    file = path.resolve()
+    return next((name for name, shipped in shipped_policies().items() if shipped.resolve() == file), str(path))
+
+
 def policy_in_folder(folder: Path) -> Path:
     """Return the one policy file in a folder, or in the downloaded model that the folder is.
 
