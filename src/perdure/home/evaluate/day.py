@@ -80,18 +80,23 @@ class DayProtocol:
 
     def policies_of(self, train_seed: int) -> dict[str, dict[SkillName, SkillPolicy]]:
         """Return the policy of each skill by task, for a training seed; PerdureError as for `choose_policies`."""
-        needed = {task: needed_skills(get_task(task), ClosedLoop.name) for task in self.errands}
+        release = self.first.release
+        return {
+            task: choose_policies(task, train_seed, self.protocol_of(task).policies, release, ClosedLoop.name)
+            for task in self.errands
+        }
+
+    def protocol_of(self, task: str) -> EvaluationProtocol:
+        """Return the protocol of one of the errands' tasks, with the policies that were named for its skills."""
+        needed = {each: needed_skills(get_task(each), ClosedLoop.name) for each in self.errands}
         known = {skill for skills in needed.values() for skill in skills}
-        found = {}
-        for task, skills in needed.items():
-            # A skill that no errand uses is refused with the first one; the others take what they use.
-            wanted = {
-                skill: source
-                for skill, source in self.first.policies.items()
-                if skill in skills or (skill not in known and task == self.errands[0])
-            }
-            found[task] = choose_policies(task, train_seed, wanted, self.first.release, ClosedLoop.name)
-        return found
+        # A skill that no errand uses is left to the first one, which refuses it.
+        policies = {
+            skill: source
+            for skill, source in self.first.policies.items()
+            if skill in needed[task] or (skill not in known and task == self.errands[0])
+        }
+        return replace(self.first, task=task, policies=policies)
 
     def skills(self, task: str) -> dict[str, Skill]:
         """Return the skills that an errand of a task may need, whatever is open in the home."""
@@ -167,7 +172,7 @@ class HomeDay:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class Asked:
     """A home with its next errand."""
 
     day: HomeDay
@@ -215,13 +220,13 @@ def _round(
     """Return the days after one more errand of each home whose day is not over."""
     after = {day.home: day for day in days}
     # What each home does next. A home that has nothing to do is over.
-    by_task: dict[str, list[_Asked]] = {}
+    by_task: dict[str, list[Asked]] = {}
     for day in days:
         if day.over:
             continue
         errand = next_errand(protocol, block.eval_seed, day)
         if errand is not None:
-            by_task.setdefault(errand.task, []).append(_Asked(day, errand))
+            by_task.setdefault(errand.task, []).append(Asked(day, errand))
         elif day.rows:
             after[day.home] = _ended(day, NO_ERRAND_LEFT)
         else:
@@ -256,7 +261,7 @@ def _run_errands(
     protocol: DayProtocol,
     block: HomeBlock,
     policies: Mapping[SkillName, SkillPolicy],
-    asked: Sequence[_Asked],
+    asked: Sequence[Asked],
     threads: int,
 ) -> Iterator[HomeDay]:
     """Yield the days of homes after their errands of one task."""
@@ -300,6 +305,33 @@ def _run_errands(
         yield HomeDay(each.day.home, state, (*each.day.rows, row))
 
 
+def find_errands(
+    protocol: DayProtocol, home: int, numbers: Sequence[int], train_seed: int = 0, eval_seed: int = 0
+) -> dict[int, Errand]:
+    """Return some errands of a home by their numbers, from 1; its day is run up to the last of them.
+
+    Raises:
+        PerdureError: If a policy is missing, or the day has no errand of that number.
+    """
+    if not numbers or min(numbers) < 1:
+        raise PerdureError(f"errands are numbered from 1, not {', '.join(map(str, numbers)) or 'by nothing'}")
+    policies = protocol.policies_of(train_seed)
+    block = HomeBlock(train_seed, eval_seed, home, home)
+    day = HomeDay(home, first_state(protocol.errands, protocol.first.split, home, eval_seed)[1])
+    found = {}
+    for number in range(1, max(numbers) + 1):
+        errand = None
+        if not day.over:
+            errand = next_errand(protocol, eval_seed, day)
+        if errand is None:
+            raise PerdureError(f"the day of home {home} has {number - 1} errands, so none has number {max(numbers)}")
+        if number in numbers:
+            found[number] = errand
+        if number < max(numbers):
+            (day,) = _run_errands(protocol, block, policies[errand.task], [Asked(day, errand)], threads=1)
+    return found
+
+
 def run_days(
     protocol: DayProtocol,
     out: str | Path,
@@ -327,4 +359,9 @@ def run_days(
     store.warn_of_other_source(unit.key for unit in units)
     run_missing(units, out, on, cores, observe)
     read = [read_days(store.get(unit.key, unit.config) / TABLE) for unit in units]
-    return write_days(store.root / protocol.folder / TABLE, join_days(frame for frame, _ in read), read[0][1])
+    notes = dict(read[0][1])
+    policies = {
+        unit.config["train_seed"]: json.loads(each["policies"]) for unit, (_, each) in zip(units, read, strict=True)
+    }
+    notes["policies"] = json.dumps(policies)
+    return write_days(store.root / protocol.folder / TABLE, join_days(frame for frame, _ in read), notes)

@@ -8,7 +8,7 @@ from home_days import scripted_errands
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import day
-from perdure.home.evaluate.day import DayProtocol, HomeDay, day_units, run_days
+from perdure.home.evaluate.day import DayProtocol, HomeDay, day_units, find_errands, run_days
 from perdure.home.evaluate.day_table import read_days
 from perdure.home.evaluate.day_verdict import judge_days
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
@@ -124,6 +124,27 @@ def test_errands_alternate_and_one_that_cannot_be_drawn_is_left_out(tmp_path, mo
     without.append("tidy_house")
     with pytest.raises(PerdureError, match="no errand"):
         run_days(mixed, tmp_path / "none")
+
+
+def test_errands_are_found_again(tmp_path, monkeypatch):
+    """The same errands as in the day, without its neighbors."""
+    seen = {}
+
+    def kept(executor, errands):
+        for errand in errands:
+            seen.setdefault(errand.index, []).append(errand)
+        return scripted_errands(decaying)(executor, errands)
+
+    monkeypatch.setattr(Executor, "run_to_end", kept)
+    wanted = protocol(hours=3 * SECONDS / 3600)
+    run_days(wanted, tmp_path)
+    first, _ = day.first_state(("tidy_house",), "eval", 1, 0)
+    errands = seen[first.index]
+    assert find_errands(wanted, 1, (1, 3)) == {1: errands[0], 3: errands[2]}
+    with pytest.raises(PerdureError, match="3 errands"):
+        find_errands(wanted, 1, (1, 4))
+    with pytest.raises(PerdureError, match="numbered from 1"):
+        find_errands(wanted, 1, (0,))
 
 
 def test_wrong_options_fail_at_the_door():
