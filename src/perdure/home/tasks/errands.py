@@ -25,12 +25,12 @@ from perdure.home.tasks.generation import APART, NAVIGABLE_WITHIN, PAIRINGS, PER
 from perdure.home.tasks.planners import ClosedLoop, needed_skills
 from perdure.home.tasks.tasks import (
     ABOUT_CONTAINERS,
+    PAST,
     TASKS,
     HomeTask,
     PlacementRule,
     Stage,
     TargetRule,
-    Verb,
     get_task,
 )
 
@@ -123,9 +123,12 @@ def _errand_task(
     used = frozenset().union(*reached)
     stages = []
     for stage in task.stages:
-        if stage.verb in (Verb.OPEN, Verb.CLOSE) and not reached[stage.target]:
-            continue
         conditions = [each for each in stage.conditions if each.name not in ABOUT_CONTAINERS or each.container in used]
+        # To open or close a container is a stage where the target is in one, and of those that the stage is about.
+        wanted = PAST[stage.verb]
+        about = {each.name for each in conditions}
+        if wanted in ABOUT_CONTAINERS and (wanted not in about or not reached[stage.target]):
+            continue
         stages.append(Stage(stage.verb, stage.target, tuple(conditions)))
     targets = tuple(
         TargetRule(PlacementRule((kind,), (start,)), PlacementRule((kind,), (end,))) for kind, start, end in rules

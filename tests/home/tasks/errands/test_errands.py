@@ -139,6 +139,19 @@ def test_usual_places_come_first_and_other_places_after_them(table):
         assert skills[-2] == "close_fridge"
 
 
+def test_a_bowl_in_the_fridge_leaves_the_drawer_alone(table):
+    """No stage is about the drawer, and the fridge, in which both targets are, is opened and closed for the apple."""
+    first, state = table
+    bowl = kind_number(state, "024_bowl")
+    shelf = "receptacle_aabb_middle_topfrl_apartment_refrigerator"
+    errand = draw("set_table", first, moved(state, bowl, shelf, first.apartment()))
+    assert [stage.name for stage in errand.home_task.stages] == [
+        *("pick_0", "place_0", "open_1", "pick_1", "place_1", "close_1")
+    ]
+    skills = [step.skill for step in make_plan(errand) if step.skill.endswith(("drawer", "fridge"))]
+    assert skills == ["open_fridge", "close_fridge"]
+
+
 def test_a_door_that_is_open_need_not_be_opened(table):
     first, state = table
     opened = draw("set_table", first, replace(state, positions={**state.positions, "top_door": 2.2}))
