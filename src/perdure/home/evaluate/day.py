@@ -13,6 +13,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -32,7 +33,13 @@ from perdure.home.evaluate.day_table import (
 from perdure.home.evaluate.execute import Executor
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.policies import SkillPolicy, choose_policies, make_agents
-from perdure.home.evaluate.protocol import EvaluationProtocol, check_distinct_seeds, policy_digests, run_config
+from perdure.home.evaluate.protocol import (
+    EvaluationProtocol,
+    block_spans,
+    check_distinct_seeds,
+    policy_digests,
+    run_config,
+)
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.errands import Errand, HomeState, draw_errand, errand_generator, first_state, state_after
 from perdure.home.tasks.planners import ClosedLoop, needed_skills
@@ -122,21 +129,23 @@ class HomeBlock:
         return f"{protocol.folder}/{seeds}/homes-{self.first:03d}-{self.last:03d}"
 
 
-def home_blocks(protocol: DayProtocol) -> Iterator[HomeBlock]:
+def home_blocks(protocol: DayProtocol, store: Store) -> Iterator[HomeBlock]:
     """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
-    homes = protocol.first.episodes
-    starts = range(0, homes, HOMES_SIDE_BY_SIDE)
-    eval_seeds = range(protocol.first.eval_seeds)
-    for eval_seed, start, train_seed in product(eval_seeds, starts, range(protocol.first.train_seeds)):
-        yield HomeBlock(train_seed, eval_seed, start, min(start + HOMES_SIDE_BY_SIDE, homes) - 1)
+    first = protocol.first
+    for eval_seed, train_seed in product(range(first.eval_seeds), range(first.train_seeds)):
+        block = partial(HomeBlock, train_seed, eval_seed)
+        spans = block_spans(
+            first.episodes, HOMES_SIDE_BY_SIDE, lambda *span, block=block: store.done(block(*span).key(protocol))
+        )
+        yield from (block(*span) for span in spans)
 
 
-def day_units(protocol: DayProtocol, command: str) -> Iterator[Unit]:
+def day_units(protocol: DayProtocol, command: str, store: Store) -> Iterator[Unit]:
     """Yield a unit for each block; PerdureError if a policy is missing."""
     policies = {seed: protocol.policies_of(seed) for seed in range(protocol.first.train_seeds)}
     digests = {seed: {task: policy_digests(each) for task, each in acting.items()} for seed, acting in policies.items()}
     check_distinct_seeds(digests)
-    for block in home_blocks(protocol):
+    for block in home_blocks(protocol, store):
         config = {
             **run_config(protocol.first),
             **asdict(block),
@@ -355,7 +364,7 @@ def run_days(
         PerdureError: If a policy is missing, before anything is run, or a unit failed.
     """
     store = Store(out)
-    units = list(day_units(protocol, command))
+    units = list(day_units(protocol, command, store))
     store.warn_of_other_source(unit.key for unit in units)
     run_missing(units, out, on, cores, observe)
     read = [read_days(store.get(unit.key, unit.config) / TABLE) for unit in units]

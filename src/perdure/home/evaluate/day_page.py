@@ -134,7 +134,7 @@ def headline(view: DayView) -> str:
     good = {each.name for each in home_outcomes() if each.good}
     holding = sum(count for word, count in counts.items() if word in good)
     others = [(count, word) for word, count in counts.items() if word not in good]
-    text = f"{holding} of {wording.count(view.homes.height, 'home')} hold for {wording.duration(view.hours)}"
+    text = f"{holding} of {view.homes.height:,} homes hold for {wording.duration(view.hours)}"
     if others:
         count, word = max(others)
         text += f"; the most common other verdict is {word} ({count})"

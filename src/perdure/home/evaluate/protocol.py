@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -117,19 +117,30 @@ class EpisodeBlock:
 
 
 def episode_blocks(protocol: EvaluationProtocol, store: Store) -> Iterator[EpisodeBlock]:
-    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy.
-
-    A finished block stays as it is: with fewer or more episodes than before none is run twice.
-    """
+    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
     for eval_seed, train_seed in product(range(protocol.eval_seeds), range(protocol.train_seeds)):
-        first = 0
-        while first < protocol.episodes:
-            end = first - first % BLOCK + BLOCK
-            choices = [EpisodeBlock(train_seed, eval_seed, first, last) for last in range(first, end)]
-            usual = choices[min(end, protocol.episodes) - first - 1]
-            block = next((each for each in choices if store.done(each.key(protocol))), usual)
-            yield block
-            first = block.last + 1
+        block = partial(EpisodeBlock, train_seed, eval_seed)
+        spans = block_spans(protocol.episodes, BLOCK, lambda *span, block=block: store.done(block(*span).key(protocol)))
+        yield from (block(*span) for span in spans)
+
+
+def block_spans(count: int, size: int, done: Callable[[int, int], bool]) -> Iterator[tuple[int, int]]:
+    """Yield the first and last number of each block of `size` among `count` numbers.
+
+    A finished block stays as it is: with a smaller or larger count than before nothing is run twice.
+
+    Args:
+        count: How many numbers there are, from 0.
+        size: Numbers in a block.
+        done: Whether a block of this first and last number is finished.
+    """
+    first = 0
+    while first < count:
+        end = first - first % size + size
+        usual = min(end, count) - 1
+        last = next((each for each in range(first, end) if done(first, each)), usual)
+        yield first, last
+        first = last + 1
 
 
 def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> Iterator[Unit]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from home_days import scripted_errands
 
+from perdure.cli.home import main
 from perdure.errors import PerdureError
 from perdure.home.evaluate import day
 from perdure.home.evaluate.day import DayProtocol, HomeDay, day_units, find_errands, run_days
@@ -16,9 +17,10 @@ from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.simulator import Simulator
 from perdure.home.skills import SKILLS
 from perdure.home.tasks.tasks import TASKS
-from perdure.runs import attempt
+from perdure.runs import Store, attempt
 from perdure.schema import read_json
 
+NOWHERE = Store("/nowhere")
 SECONDS = 85 / 30
 """Length of a scripted errand, see `home_stories`: five targets, and the settling time."""
 
@@ -105,8 +107,18 @@ def test_kills_change_no_byte(decay, tmp_path, monkeypatch):
 def test_finished_homes_are_not_run_again(decay, tmp_path, monkeypatch):
     wanted = protocol(homes=1, hours=SECONDS / 3600)
     first = run_days(wanted, tmp_path).read_bytes()
-    monkeypatch.setattr(Executor, "run_to_end", lambda *_: pytest.fail("nothing is left to run"))
+    ran = []
+
+    def counted(executor, errands):
+        ran.append(len(errands))
+        return scripted_errands(decaying)(executor, errands)
+
+    monkeypatch.setattr(Executor, "run_to_end", counted)
     assert run_days(wanted, tmp_path).read_bytes() == first
+    assert ran == []
+    more, _ = read_days(run_days(protocol(homes=3, hours=SECONDS / 3600), tmp_path))
+    assert ran == [2] * len(ran)
+    assert more["home"].unique().to_list() == [0, 1, 2]
 
 
 def test_errands_alternate_and_one_that_cannot_be_drawn_is_left_out(tmp_path, monkeypatch):
@@ -156,7 +168,7 @@ def test_wrong_options_fail_at_the_door():
         with pytest.raises(PerdureError, match="hours"):
             protocol(hours=hours)
     with pytest.raises(PerdureError, match="open_drawer"):
-        list(day_units(protocol(policies={"open_drawer": "drawer.safetensors"}), ""))
+        list(day_units(protocol(policies={"open_drawer": "drawer.safetensors"}), "", NOWHERE))
 
 
 def test_an_oracle_that_was_asked_for_does_not_intervene(tmp_path, monkeypatch):
@@ -194,7 +206,7 @@ def test_an_errand_begins_as_the_one_before_it_ended(hurried, tmp_path, monkeypa
 
     monkeypatch.setattr(Simulator, "reset", seen)
     wanted = protocol(homes=2, hours=20 / 30 / 3600)
-    (unit,) = day_units(wanted, "")
+    (unit,) = day_units(wanted, "", NOWHERE)
     assert attempt(tmp_path, unit) == "unfinished"
     kept = tmp_path / ".working" / unit.key.replace("/", "~") / "homes.json"
     days = read_json(kept.read_bytes(), tuple[HomeDay, ...])
@@ -211,3 +223,19 @@ def test_an_errand_begins_as_the_one_before_it_ended(hurried, tmp_path, monkeypa
     frame, _ = read_days(tmp_path / unit.key / "day.parquet")
     alone, _ = read_days(run_days(protocol(homes=1, hours=20 / 30 / 3600), tmp_path / "alone"))
     assert frame.filter(frame["home"] == 0).equals(alone)
+
+
+def test_the_command_prints_verdicts_and_writes_a_page(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(Executor, "run_to_end", scripted_errands(nothing))
+    monkeypatch.setattr("perdure.report.page.javascript", lambda: "")  # it takes seconds
+    hours = str(4.5 * SECONDS / 3600)
+    flags = ["--errands", "tidy_house", "--hours", hours, "--homes", "1", "--split", "eval", "--fallback", "none"]
+    main("day", [*flags, "--on", "here", "--out", str(tmp_path), "--formats"])
+    assert "1 of 1 homes hold" in capsys.readouterr().out
+    (page,) = tmp_path.rglob("report.html")
+    assert "perdure home day --errands tidy_house" in page.read_text()
+    frame, _ = read_days(page.parent / "day.parquet")
+    assert frame.height == 5
+    for wrong in (["--errands", "tidy_hous"], ["--film", "20"], ["--errands"]):
+        with pytest.raises(PerdureError, match=r"tidy_house|--film|--errands"):
+            main("day", [*wrong, "--out", str(tmp_path / "wrong")])
