@@ -13,7 +13,6 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -131,13 +130,17 @@ class HomeBlock:
 
 def home_blocks(protocol: DayProtocol, store: Store) -> Iterator[HomeBlock]:
     """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
-    first = protocol.first
-    for eval_seed, train_seed in product(range(first.eval_seeds), range(first.train_seeds)):
-        block = partial(HomeBlock, train_seed, eval_seed)
-        spans = block_spans(
-            first.episodes, HOMES_SIDE_BY_SIDE, lambda *span, block=block: store.done(block(*span).key(protocol))
-        )
-        yield from (block(*span) for span in spans)
+    seeds = product(range(protocol.first.eval_seeds), range(protocol.first.train_seeds))
+    for eval_seed, train_seed in seeds:
+        yield from _blocks_of(protocol, store, train_seed, eval_seed)
+
+
+def _blocks_of(protocol: DayProtocol, store: Store, train_seed: int, eval_seed: int) -> Iterator[HomeBlock]:
+    def finished(first: int, last: int) -> bool:
+        return store.done(HomeBlock(train_seed, eval_seed, first, last).key(protocol))
+
+    for first, last in block_spans(protocol.first.episodes, HOMES_SIDE_BY_SIDE, finished):
+        yield HomeBlock(train_seed, eval_seed, first, last)
 
 
 def day_units(protocol: DayProtocol, command: str, store: Store) -> Iterator[Unit]:

@@ -7,7 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -119,9 +119,15 @@ class EpisodeBlock:
 def episode_blocks(protocol: EvaluationProtocol, store: Store) -> Iterator[EpisodeBlock]:
     """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
     for eval_seed, train_seed in product(range(protocol.eval_seeds), range(protocol.train_seeds)):
-        block = partial(EpisodeBlock, train_seed, eval_seed)
-        spans = block_spans(protocol.episodes, BLOCK, lambda *span, block=block: store.done(block(*span).key(protocol)))
-        yield from (block(*span) for span in spans)
+        yield from _blocks_of(protocol, store, train_seed, eval_seed)
+
+
+def _blocks_of(protocol: EvaluationProtocol, store: Store, train_seed: int, eval_seed: int) -> Iterator[EpisodeBlock]:
+    def finished(first: int, last: int) -> bool:
+        return store.done(EpisodeBlock(train_seed, eval_seed, first, last).key(protocol))
+
+    for first, last in block_spans(protocol.episodes, BLOCK, finished):
+        yield EpisodeBlock(train_seed, eval_seed, first, last)
 
 
 def block_spans(count: int, size: int, done: Callable[[int, int], bool]) -> Iterator[tuple[int, int]]:
