@@ -169,6 +169,10 @@ def _registered_rows() -> Iterator[dict[str, str]]:
     for number, claim in enumerate(REGISTERED, 1):
         left, right = (METHODS[side].replace(" time-to-go", "") for side in (claim.left, claim.right))
         words = f"{f'{number}. ' if claim.registered else ''}{left} against {right}, {claim.condition}"
+        if claim.margin:
+            words += f", at most {claim.margin:g} less"
+        if claim.measure == "gain in training":
+            words += ", speed in training"
         row = dict.fromkeys(REGISTERED_COLUMNS, "") | {"decision": "runs are missing"}
         by_task = claims.filter(pl.col("task").is_in(REGISTERED_NAMES), claim=number)
         effects = dict(by_task.select("task", "effect").iter_rows())
