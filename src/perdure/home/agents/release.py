@@ -49,6 +49,8 @@ NOT_ABOVE = "not above the goal"
 class HandOverView(LaneView):
     """One lane during its hand-over."""
 
+    forward_speed: float = BASE_SPEED
+    """Forward speed of a base action of 1 in [m/s]."""
     outcome: str = "done"
     """Outcome: "done", or the reason for a fall-back."""
     frozen: Pose = field(init=False)
@@ -130,8 +132,11 @@ class HandOver:
             for row, action in zip(map(int, free), wanted, strict=True):
                 out_of_time = progress.elapsed[row] >= skill.limit
                 if state.holds_target[row] and (action[ROBOT.action.grip] < 0.0 or out_of_time):
-                    view = self._views[int(lanes[row])] = HandOverView(state[row : row + 1])
-                    self._motions[int(lanes[row])] = self.strategy.motion(view)
+                    lane = int(lanes[row])
+                    forward_speed = world.simulator(lane).forward_speed(skill.base_speed)
+                    view = HandOverView(state[row : row + 1], forward_speed)
+                    self._views[lane] = view
+                    self._motions[lane] = self.strategy.motion(view)
                 else:
                     actions[row] = action
         for row, lane in enumerate(map(int, lanes)):
@@ -165,8 +170,9 @@ def hold_base(view: HandOverView, arm: FloatArray | None = None) -> FloatArray:
     drives back.
     """
     action = np.zeros(ROBOT.action_size)
-    for part, error in zip((ROBOT.action.forward, ROBOT.action.turn), view.base_error, strict=True):
-        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
+    forward, turn = view.base_error
+    action[ROBOT.action.forward] = np.clip(RETURN_RATE * forward, -RETURN_SPEED, RETURN_SPEED) / view.forward_speed
+    action[ROBOT.action.turn] = np.clip(RETURN_RATE * turn, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
     if arm is not None:
         action[ROBOT.action.arm] = np.clip(arm / ARM_STEP, -1.0, 1.0)
     return action

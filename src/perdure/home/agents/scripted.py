@@ -37,7 +37,8 @@ from perdure.home.sim.pieces import Apartment, Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
-from perdure.home.sim.simulator import GRASP, GRASP_RADIUS, RELEASE
+from perdure.home.sim.hand import GRASP_RADIUS
+from perdure.home.sim.simulator import GRASP, RELEASE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS, Skill, SkillProgress
 from perdure.home.skills.articulated import Articulated

@@ -28,7 +28,8 @@ FORCE_MARGIN = 20.0
 `RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
 HOLD_LIMIT = 0.09
 HANDLE_LIMIT = 0.2
-"""Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
+"""Largest distance in [m] of a held object from where the hand holds it, and of a held handle from the gripper point;
+beyond it the grasp is invalid (M3)."""
 
 
 @dataclass(frozen=True)
@@ -267,8 +268,8 @@ class Skill(ABC):
     success_text: ClassVar[str]
     """When `success` is true, in words."""
     failures: ClassVar[Mapping[str, str]] = {
-        "invalid grasp": f"a held object is over {HOLD_LIMIT:g} m, or a held handle over {HANDLE_LIMIT:g} m, from the "
-        "gripper point",
+        "invalid grasp": f"a held object is over {HOLD_LIMIT:g} m from where the hand holds it, or a held handle over "
+        f"{HANDLE_LIMIT:g} m from the gripper point",
         "excess force": "the increases of the contact force add up to more than the skill's limit",
     }
     """When each of `failure_conditions` is true, in words. Of several that are true the first one counts."""
@@ -282,7 +283,7 @@ class Skill(ABC):
     grip_text: ClassVar[str] = "above 0: grasp the nearest object or handle, below 0: let go"
     """What the grip action does."""
     base_speed: ClassVar[float] = BASE_SPEED
-    """Speed for a base action of 1 in [m/s] and [rad/s]."""
+    """Turning speed for a base action of 1 in [rad/s], and forward speed in [m/s] where the base is so fast."""
     arm_step: ClassVar[float] = ARM_STEP
     """Change of a joint's servo target for an arm action of 1 in [rad] per step."""
     scan_reach: ClassVar[float] = ROBOT.base_radius + SECTOR_DEPTH
