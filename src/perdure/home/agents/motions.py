@@ -40,7 +40,7 @@ class View(LaneView):
     world: VectorSimulator
     number: int
     base_speed: float
-    """See `Skill.base_speed`."""
+    """Speed of a base action of 1 in [m/s] and [rad/s]."""
 
     @property
     def simulator(self) -> Simulator:
@@ -57,7 +57,7 @@ class View(LaneView):
     ) -> FloatArray:
         """Return an action from speeds in [m/s] and [rad/s] and joint steps in [rad]."""
         action = np.zeros(ROBOT.action_size)
-        action[ROBOT.action.forward] = forward / self.simulator.forward_speed(self.base_speed)
+        action[ROBOT.action.forward] = forward / self.base_speed
         action[ROBOT.action.turn] = turn / self.base_speed
         action[ROBOT.action.grip] = grip
         if arm is not None:

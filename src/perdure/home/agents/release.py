@@ -49,8 +49,8 @@ NOT_ABOVE = "not above the goal"
 class HandOverView(LaneView):
     """One lane during its hand-over."""
 
-    forward_speed: float = BASE_SPEED
-    """Forward speed of a base action of 1 in [m/s]."""
+    base_speed: float = BASE_SPEED
+    """Speed of a base action of 1 in [m/s] and [rad/s]."""
     outcome: str = "done"
     """Outcome: "done", or the reason for a fall-back."""
     frozen: Pose = field(init=False)
@@ -133,8 +133,7 @@ class HandOver:
                 out_of_time = progress.elapsed[row] >= skill.limit
                 if state.holds_target[row] and (action[ROBOT.action.grip] < 0.0 or out_of_time):
                     lane = int(lanes[row])
-                    forward_speed = world.simulator(lane).forward_speed(skill.base_speed)
-                    view = HandOverView(state[row : row + 1], forward_speed)
+                    view = HandOverView(state[row : row + 1], world.simulator(lane).base_speed(skill.base_speed))
                     self._views[lane] = view
                     self._motions[lane] = self.strategy.motion(view)
                 else:
@@ -170,9 +169,8 @@ def hold_base(view: HandOverView, arm: FloatArray | None = None) -> FloatArray:
     drives back.
     """
     action = np.zeros(ROBOT.action_size)
-    forward, turn = view.base_error
-    action[ROBOT.action.forward] = np.clip(RETURN_RATE * forward, -RETURN_SPEED, RETURN_SPEED) / view.forward_speed
-    action[ROBOT.action.turn] = np.clip(RETURN_RATE * turn, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
+    for part, error in zip((ROBOT.action.forward, ROBOT.action.turn), view.base_error, strict=True):
+        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / view.base_speed
     if arm is not None:
         action[ROBOT.action.arm] = np.clip(arm / ARM_STEP, -1.0, 1.0)
     return action

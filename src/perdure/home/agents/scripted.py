@@ -514,7 +514,8 @@ class Oracle(SkillAgent):
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
-        view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
+        base_speed = world.simulator(lane).base_speed(skill.base_speed)
+        view = View(world.sense(np.array([lane])), world, lane, base_speed)
         self._running[lane] = (view, motion_of(skill, view))
 
     def act(

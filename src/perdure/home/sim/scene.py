@@ -52,7 +52,7 @@ class WorldOptions:
     """How the hand holds an object: as it was grasped, and it collides with the robot again after its release; or
     snapped to the gripper's axes, and it never collides with the robot again (M3)."""
     base_speed: float = 1.0
-    """Largest forward speed of the base in [m/s]. Fetch: about 1; M3: 3, with which earlier policies were trained."""
+    """Largest speed of the base in [m/s] and [rad/s]. Fetch: about 1; M3: 3, with which earlier policies were trained."""
 
     def __post_init__(self) -> None:
         """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""

@@ -22,8 +22,8 @@ STOP_LEVEL = 0.9
 choice; M3 has a discrete action for it)."""
 
 BASE_SPEED = 1.5
-"""Turning speed in [rad/s] of an action of 1 in manipulation skills, and forward speed in [m/s] where the base has it,
-see `WorldOptions.base_speed` (M3)."""
+"""Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3), where the base is so
+fast, see `WorldOptions.base_speed`."""
 NAVIGATION_SPEED = 3.0
 """The same in navigation (M3, whose actions are 20 discrete ones; ours are continuous)."""
 ARM_STEP = 0.025
@@ -174,8 +174,8 @@ class Simulator:
         """Release whatever is held; an object keeps its velocity."""
         self.hand.release()
 
-    def forward_speed(self, speed: float) -> float:
-        """Return the forward speed of a base action of 1 in [m/s] for a skill's speed: no more than the base has."""
+    def base_speed(self, speed: float) -> float:
+        """Return the speed of a base action of 1 in [m/s] and [rad/s] for that of a skill: no more than the base has."""
         return min(speed, self.scene.options.base_speed)
 
     def diverged(self) -> bool:

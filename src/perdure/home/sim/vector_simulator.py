@@ -123,7 +123,7 @@ class VectorSimulator:
         Args:
             actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, action size).
             lanes: Which lanes to step, all when None. Shape (m,).
-            base_speed: Speed of a base action of 1 in [rad/s], and in [m/s] where the base is so fast. Shape (m,).
+            base_speed: Speed of a base action of 1 in [m/s] and [rad/s], where the base is so fast. Shape (m,).
             arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).
 
         Raises:
@@ -203,9 +203,9 @@ class VectorSimulator:
         grip = actions[:, ROBOT.action.grip]
         stopped = actions[:, ROBOT.action.stop] > STOP_LEVEL
         self._known["stopped"][chosen] = stopped
-        speed = np.where(stopped, 0.0, speed)
         fastest = np.array([self.simulator(number).scene.options.base_speed for number in chosen.tolist()])
-        forward = actions[:, ROBOT.action.forward] * np.minimum(speed, fastest)
+        speed = np.where(stopped, 0.0, np.minimum(speed, fastest))
+        forward = actions[:, ROBOT.action.forward] * speed
         turning = actions[:, ROBOT.action.turn] * speed
         for row, number in enumerate(chosen):
             simulator = self.simulator(number)

@@ -34,7 +34,7 @@ beyond it the grasp is invalid (M3)."""
 
 @dataclass(frozen=True)
 class SkillProgress(Rows):
-    """What skills remember of n lanes. All arrays have shape (n,)."""
+    """What skills remember of n lanes. Arrays have shape (n,) where nothing else is said."""
 
     elapsed: IntArray
     """Control steps since the skill began."""
@@ -43,8 +43,8 @@ class SkillProgress(Rows):
     released: BoolArray
     """Whether it has been released after that."""
     lasting: IntArray
-    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot stood
-    (navigate)."""
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot stayed
+    near its anchor (navigate)."""
     reached: BoolArray
     """Whether the drawer, door or object has been in its goal region."""
     away: BoolArray
@@ -53,6 +53,8 @@ class SkillProgress(Rows):
     """Counted contact force of the previous step in [N], see `counted_force`."""
     force_sum: FloatArray
     """Sum of its increases in [N]."""
+    anchor: FloatArray
+    """Base pose from which a robot counts as moved: x, y, heading (navigate). Shape (n, 3)."""
 
 
 def counted_force(state: PrivilegedState) -> FloatArray:
@@ -283,7 +285,7 @@ class Skill(ABC):
     grip_text: ClassVar[str] = "above 0: grasp the nearest object or handle, below 0: let go"
     """What the grip action does."""
     base_speed: ClassVar[float] = BASE_SPEED
-    """Turning speed for a base action of 1 in [rad/s], and forward speed in [m/s] where the base is so fast."""
+    """Speed for a base action of 1 in [m/s] and [rad/s], where the base is so fast."""
     arm_step: ClassVar[float] = ARM_STEP
     """Change of a joint's servo target for an arm action of 1 in [rad] per step."""
     scan_reach: ClassVar[float] = ROBOT.base_radius + SECTOR_DEPTH
@@ -485,6 +487,7 @@ class Skill(ABC):
             away=no,
             force=counted_force(state),
             force_sum=np.zeros(len(state)),
+            anchor=state.base,
         )
         return self.remember(progress, state)
 
