@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.kinematics import gripper_pose, reach_many
+from perdure.home.sim.kinematics import about_z, gripper_in_room, reach_many
 from perdure.home.sim.occupancy import FreeSpace
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
@@ -92,19 +92,6 @@ class CollisionQuery:
         first = np.asarray(start, dtype=np.float64)
         last = np.asarray(end, dtype=np.float64)
         return max(self.depth(base, first + share * (last - first), firm) for share in np.linspace(0.0, 1.0, points))
-
-
-def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
-    position, rotation = gripper_pose(ROBOT.torso_height, arm)
-    return base.to_room(position), about_z(base.yaw) @ rotation
-
-
-def about_z(angle: float) -> FloatArray:
-    """Return the rotation by an angle in [rad] about the vertical. Shape (3, 3)."""
-    cos = np.cos(angle)
-    sin = np.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 DEPTH_COST = 1e4

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 
 _JOINTS = len(ROBOT.arm)
@@ -43,6 +44,19 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
         where the fingers point). Equal to the model's gripper site seen from the base.
     """
     return _chain(torso, arm)[:2]
+
+
+def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
+    position, rotation = gripper_pose(ROBOT.torso_height, arm)
+    return base.to_room(position), about_z(base.yaw) @ rotation
+
+
+def about_z(angle: float) -> FloatArray:
+    """Return the rotation by an angle in [rad] about the vertical. Shape (3, 3)."""
+    cos = np.cos(angle)
+    sin = np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -428,15 +428,17 @@ class Skill(ABC):
         """Return a start state with the arm near rest and the object where `object_at_start` says."""
         held = -1
         moved: Mapping[int, Placement] = {}
+        arm = starts.draw_arm(rng)
         if self.object_at_start == "gripper":
             held = 0
+            moved = {0: starts.draw_held(episode.objects[target], base, arm, rng)}
         elif self.object_at_start == "goal":
             moved = {0: episode.goals[target]}
         else:
             moved = starts.carried(episode, target, opened)
         return starts.Start(
             base=base,
-            arm=starts.draw_arm(rng),
+            arm=arm,
             skill_goal=replace(self.skill_goal(episode, target, opened), target=0),
             opened=opened,
             held=held,
@@ -452,13 +454,12 @@ class Skill(ABC):
         believed = replace(episode, objects=(*episode.objects[:target], seen, *episode.objects[target + 1 :]))
         goal = starts.keep_apart(self.skill_goal(believed, target, row.opened, toward), row.stood)
 
-        # The target is in the hand before it is placed, else where it was recorded.
+        # Before it is placed the target is in the hand.
         position, quaternion = row.pose
         held = -1
         moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
         if "place" in row.step:
             held = 0
-            moved = {}
         return starts.Start(
             Pose(*row.base), np.array(row.arm), replace(goal, target=0), row.opened, held=held, moved=moved
         )
