@@ -31,14 +31,14 @@ from perdure.home.agents.motions import (
 from perdure.home.agents.reach_plans import CollisionQuery, GripperGoal, ReachPlan, ahead, around, plan_from
 from perdure.home.sim import occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.hand import GRASP_RADIUS
+from perdure.home.sim.kinematics import about_z
 from perdure.home.sim.objects import get_kind
 from perdure.home.sim.occupancy import apartment_footprints, free_space
 from perdure.home.sim.pieces import Apartment, Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
-from perdure.home.sim.hand import GRASP_RADIUS
-from perdure.home.sim.kinematics import about_z
 from perdure.home.sim.simulator import GRASP, RELEASE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS, Skill, SkillProgress

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -22,9 +23,9 @@ import numpy as np
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate.log import Column, EpisodeLog, Event
-from perdure.home.evaluate.strategy import strategy_of
+from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.scene import SceneOptions
+from perdure.home.sim.scene import SceneOptions, with_earlier_scene
 from perdure.home.tasks.planners import FallbackName, OpenLoop
 from perdure.runs import write_atomic
 from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
@@ -48,8 +49,8 @@ HAND_OVERS = dict[str, Count]
 
 
 @dataclass(frozen=True)
-class OldOptions:
-    """What the note `protocol` of version 4 says of options."""
+class NotedOptions:
+    """What the note `protocol` says of options."""
 
     scene: SceneOptions = field(default_factory=SceneOptions)
     planner: str = OpenLoop.name
@@ -57,11 +58,11 @@ class OldOptions:
 
 
 @dataclass(frozen=True)
-class OldProtocol:
-    """What the note `protocol` of version 4 says of what was run."""
+class NotedProtocol:
+    """What the note `protocol` says of what was run."""
 
     place: str
-    options: OldOptions = field(default_factory=OldOptions)
+    options: NotedOptions = field(default_factory=NotedOptions)
 
 
 @dataclass(frozen=True)
@@ -248,6 +249,9 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
         if version == OLD_VERSION:
             frame = _from_old(frame, notes)
         records = [from_row(EpisodeLog, row) for row in _checked_rows(frame)]
+        strategy = _noted_strategy(notes)
+        if strategy is not None:  # logs of earlier physics do not say so
+            records = [replace(each, world=strategy.world) for each in records]
         check_distinct(records, "it")
     except PerdureError as error:
         raise PerdureError(f"{path} does not hold what a file of logs must hold: {error}") from error
@@ -283,14 +287,20 @@ def _from_old(frame: pl.DataFrame, notes: Mapping[str, str]) -> pl.DataFrame:
     """Return a table of version 4 as one of today; its note `protocol` tells what was run, else the text is kept."""
     import polars as pl
 
-    strategy = None
-    if "protocol" in notes:
-        noted = read_json(notes["protocol"], OldProtocol)
-        strategy = strategy_of(noted.place, noted.options.scene, noted.options.planner, noted.options.fallback)
+    strategy = _noted_strategy(notes)
     usual = {each.name: each.default for each in fields(EpisodeLog) if each.name in _NEW_COLUMNS}
     place = pl.col("strategy") if strategy is None else pl.lit(strategy.place)
     more = {name: pl.lit(value if strategy is None else getattr(strategy, name)) for name, value in usual.items()}
     return frame.with_columns(place=place, events=_events_from_old(), **more).select(columns().keys())
+
+
+def _noted_strategy(notes: Mapping[str, str]) -> Strategy | None:
+    """Return what the note `protocol` says was run; None where there is none."""
+    if "protocol" not in notes:
+        return None
+    text = json.dumps(with_earlier_scene(read_json(notes["protocol"])))
+    noted = read_json(text, NotedProtocol)
+    return strategy_of(noted.place, noted.options.scene, noted.options.planner, noted.options.fallback)
 
 
 def _events_from_old() -> pl.Expr:

@@ -31,6 +31,19 @@ LEVERS = (0.0, 0.0001, 0.0004, ROLLING)
 """Rolling resistances of tables and of training, see `WorldOptions.rolling`."""
 MOST_ROLLING = 0.01
 GraspRule = Literal["kept", "snapped"]
+EARLIER: Mapping[str, Any] = {"grasp": "snapped", "base_speed": 3.0}
+"""Options of the physics before they had names: of policies and logs that do not name them."""
+
+
+def with_earlier_scene(noted: Any) -> Any:
+    """Return the note `protocol` of logs with the options that its scene does not name."""
+    if isinstance(noted, dict) and isinstance(noted.get("options"), dict):
+        scene = noted["options"].get("scene", {})
+        if isinstance(scene, dict):
+            noted["options"]["scene"] = {**EARLIER, **scene}
+    return noted
+
+
 FASTEST = 3.0
 """Largest speed of the base in [m/s] that a navigation policy may ask for (M3)."""
 _WORDS = {"apple": "hull-apple", "clutter": "no-clutter", "grasp": "snapped-grasp"}

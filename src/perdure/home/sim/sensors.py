@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
+from perdure.home.sim.hand import GRASP_RADIUS
 from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footprints
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.robot import ROBOT
-from perdure.home.sim.hand import GRASP_RADIUS
 from perdure.home.sim.simulator import Simulator
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 from test_world import begin
 
-from perdure.home.sim.sensors import NEIGHBORHOOD, look_around
 from perdure.home.sim.hand import GRASP_RADIUS
+from perdure.home.sim.sensors import NEIGHBORHOOD, look_around
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import load_episodes
 
