@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 
 import numpy as np
 
+from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.home.evaluate.log import Column, EpisodeLog, Event
 from perdure.home.evaluate.strategy import Strategy, strategy_of
@@ -34,11 +35,13 @@ if TYPE_CHECKING:
     import polars as pl
 
 SCHEMA_NAME = "perdure.home.episodes.log"
-SCHEMA_VERSION = "5"
+SCHEMA_VERSION = "6"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
+CALM_VERSION = "5"
+"""Also read; it had no column `disturbance`."""
 OLD_VERSION = "4"
 """Also read; it had `strategy` in place of `place` and the columns below, and a position of two containers an event."""
-_NEW_COLUMNS = ("world", "planner", "fallback")
+_NEW_COLUMNS = ("world", "planner", "fallback", "disturbance")
 _OLD_CONTAINERS = ("drawer", "fridge")
 """Fields of an event in version 4."""
 _RESERVED = (*FORMAT, "sha256")
@@ -239,15 +242,17 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
     if notes.pop("schema", "") != SCHEMA_NAME:
         raise PerdureError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
     version = notes.pop("version", "")
-    if version not in (SCHEMA_VERSION, OLD_VERSION):
+    if version not in (SCHEMA_VERSION, CALM_VERSION, OLD_VERSION):
         raise PerdureError(f"{path} has version {version or 'unknown'}; this package reads version {SCHEMA_VERSION}")
     try:
         frame = file.read()
-        _check_columns(frame, columns() if version == SCHEMA_VERSION else _old_columns())
+        _check_columns(frame, _columns_of(version))
         if notes.pop("sha256", None) != digest(frame, notes, version):
             raise PerdureError("it is damaged, its content does not fit its SHA-256")
         if version == OLD_VERSION:
             frame = _from_old(frame, notes)
+        elif version == CALM_VERSION:
+            frame = _from_calm(frame)
         records = [from_row(EpisodeLog, row) for row in _checked_rows(frame)]
         strategy = _noted_strategy(notes)
         if strategy is not None:  # logs of earlier physics do not say so
@@ -264,6 +269,23 @@ def _check_columns(frame: pl.DataFrame, expected: Mapping[str, pl.DataType]) -> 
         names = {**frame.schema, **expected}
         wrong = sorted(name for name in names if frame.schema.get(name) != expected.get(name))
         raise PerdureError(f"wrong, missing or unknown columns {wrong}")
+
+
+def _columns_of(version: str) -> dict[str, pl.DataType]:
+    """Return the columns of a version."""
+    if version == OLD_VERSION:
+        return _old_columns()
+    found = columns()
+    if version == CALM_VERSION:
+        del found["disturbance"]
+    return found
+
+
+def _from_calm(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return a table of version 5 as one of today."""
+    import polars as pl
+
+    return frame.with_columns(disturbance=pl.lit(CALM)).select(columns().keys())
 
 
 def _old_columns() -> dict[str, pl.DataType]:

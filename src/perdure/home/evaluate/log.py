@@ -18,6 +18,7 @@ from typing import Annotated, Literal, get_args
 
 import numpy as np
 
+from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
@@ -252,6 +253,7 @@ class EpisodeLog:
     fallback: Annotated[str, Column("who takes over a skill that failed often; none with the open loop", _NAME)] = (
         "none"
     )
+    disturbance: Annotated[str, Column('disturbances that acted together, such as "bump:0.1"; none', _NAME)] = CALM
     label: str = ""
     """What `perdure home analyze --names` calls its file; files do not keep it."""
     history: History | None = field(default=None, repr=False)
@@ -304,7 +306,7 @@ class EpisodeLog:
     @cached_property
     def strategy(self) -> Strategy:
         """What was run."""
-        return Strategy(self.place, self.world, self.planner, self.fallback, self.label)
+        return Strategy(self.place, self.world, self.planner, self.fallback, self.disturbance, self.label)
 
     @property
     def name(self) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
+from perdure.home.evaluate.disturbances import home_labels
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
@@ -87,6 +88,7 @@ class EvaluationProtocol:
             words.append(self.options.planner)
         if self.options.fallback == "none":
             words.append("no-fallback")
+        words += [each.label.replace(":", "-") for each in self.options.disturb]
         return f"{self.task}/{self.split}/{'-'.join(words)}"
 
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
@@ -219,6 +221,7 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
         "settle_steps": protocol.options.settle_steps,
         **({} if protocol.options.planner == OpenLoop.name else {"planner": protocol.options.planner}),
         **({} if protocol.options.fallback == "oracle" else {"fallback": protocol.options.fallback}),
+        **({"disturb": home_labels(protocol.options.disturb)} if protocol.options.disturb else {}),
         **versions("mujoco"),
     }
 
