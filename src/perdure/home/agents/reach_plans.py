@@ -284,12 +284,12 @@ def _reachable(query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Seq
     vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
     approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
 
-    # Of the arm's ways to hold its hand in given axes the one nearest to rest need not be the one that is found from rest.
+    # Of the arm's ways to hold its hand in given axes the one nearest to rest need not be the one found from rest.
     axes: FloatArray | None = None
     starts = ROBOT.rest_arm[None]
     most_turn = 0.3
     if pairs[0][1].axes is not None:
-        axes = np.array([about_z(-s.yaw) @ w.axes for s, w in pairs])
+        axes = np.array([about_z(-s.yaw) @ w.axes for s, w in pairs if w.axes is not None])
         starts = np.concatenate([starts, ROBOT.other_arms])
         axes = np.tile(axes, (len(starts), 1, 1))
         most_turn = 0.05

@@ -129,10 +129,10 @@ class Recorder:
 
     def _history(self, length: int) -> History:
         rows = zip(*self.rows[:length], strict=True)
-        objects, held, positions, up, speed, gripper, base, force = map(np.array, rows)
+        objects, held, positions, up, speed, gripper, base, force, touched = map(np.array, rows)
         containers = dict(zip(CONTAINERS, positions.T, strict=True))
         facts = WorldFacts(objects, self.episode.goal_positions, held, containers)
-        return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
+        return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ), touched)
 
 
 def final_objects(lane: Simulator) -> tuple[FinalObject, ...]:
@@ -464,7 +464,8 @@ class Executor:
             poses, velocities = simulator.objects(len(objects))
             up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
             speed = np.sqrt((velocities**2).sum(axis=1))
-            robot = (state.gripper[row], state.base[row], state.contact_force[row])
+            touched = simulator.touched(len(objects))
+            robot = (state.gripper[row], state.base[row], state.contact_force[row], touched)
             each.recorder.rows.append((objects, held, positions, up, speed, *robot))
             each.recorder.diverged |= bool(state.diverged[row])
             if each.current is not None:

@@ -11,8 +11,10 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from itertools import product
@@ -23,7 +25,7 @@ import numpy as np
 
 from perdure.disturbances import CALM
 from perdure.errors import PerdureError
-from perdure.home.evaluate.log import Column, EpisodeLog, Event
+from perdure.home.evaluate.log import Column, EpisodeLog, Event, Release
 from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.scene import SceneOptions, with_earlier_scene
@@ -38,10 +40,12 @@ SCHEMA_NAME = "perdure.home.episodes.log"
 SCHEMA_VERSION = "6"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
 CALM_VERSION = "5"
-"""Also read; it had no column `disturbance`."""
+"""Also read; it had no column `disturbance`, and releases without `_TOUCHES`."""
 OLD_VERSION = "4"
 """Also read; it had `strategy` in place of `place` and the columns below, and a position of two containers an event."""
 _NEW_COLUMNS = ("world", "planner", "fallback", "disturbance")
+_TOUCHES = {"touches": -1, "pushed": math.nan}
+"""Columns of a release that versions 4 and 5 lack, and what they mean there: unknown."""
 _OLD_CONTAINERS = ("drawer", "fridge")
 """Fields of an event in version 4."""
 _RESERVED = (*FORMAT, "sha256")
@@ -249,14 +253,8 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
         _check_columns(frame, _columns_of(version))
         if notes.pop("sha256", None) != digest(frame, notes, version):
             raise PerdureError("it is damaged, its content does not fit its SHA-256")
-        if version == OLD_VERSION:
-            frame = _from_old(frame, notes)
-        elif version == CALM_VERSION:
-            frame = _from_calm(frame)
+        frame = _of_today(frame, notes, version)
         records = [from_row(EpisodeLog, row) for row in _checked_rows(frame)]
-        strategy = _noted_strategy(notes)
-        if strategy is not None:  # logs of earlier physics do not say so
-            records = [replace(each, world=strategy.world) for each in records]
         check_distinct(records, "it")
     except PerdureError as error:
         raise PerdureError(f"{path} does not hold what a file of logs must hold: {error}") from error
@@ -271,21 +269,54 @@ def _check_columns(frame: pl.DataFrame, expected: Mapping[str, pl.DataType]) -> 
         raise PerdureError(f"wrong, missing or unknown columns {wrong}")
 
 
+def _of_today(frame: pl.DataFrame, notes: Mapping[str, str], version: str) -> pl.DataFrame:
+    """Return a table of any version as one of today."""
+    if version == OLD_VERSION:
+        return _from_old(frame, notes)
+    if version == CALM_VERSION:
+        return _from_calm(frame, notes)
+    return frame
+
+
 def _columns_of(version: str) -> dict[str, pl.DataType]:
     """Return the columns of a version."""
     if version == OLD_VERSION:
         return _old_columns()
     found = columns()
     if version == CALM_VERSION:
+        found["releases"] = _untouched()
         del found["disturbance"]
     return found
 
 
-def _from_calm(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return a table of version 5 as one of today."""
+def _untouched() -> pl.DataType:
+    """Return the type of releases before touches were counted."""
     import polars as pl
 
-    return frame.with_columns(disturbance=pl.lit(CALM)).select(columns().keys())
+    return pl.List(pl.Struct({name: dtype for name, dtype in columns(Release).items() if name not in _TOUCHES}))
+
+
+def _from_calm(frame: pl.DataFrame, notes: Mapping[str, str]) -> pl.DataFrame:
+    """Return a table of version 5 as one of today; its note `protocol` tells of which physics it is."""
+    import polars as pl
+
+    world = pl.col("world")
+    with suppress(PerdureError):  # another simulator may note what it likes
+        strategy = _noted_strategy(notes)
+        if strategy is not None:
+            world = pl.lit(strategy.world)
+    calm = {"world": world, "disturbance": pl.lit(CALM), "releases": _releases_from_old()}
+    return frame.with_columns(**calm).select(columns().keys())
+
+
+def _releases_from_old() -> pl.Expr:
+    """Return the releases of versions 4 and 5, whose touches are unknown."""
+    import polars as pl
+
+    release = pl.element().struct
+    kept = [release.field(name) for name in columns(Release) if name not in _TOUCHES]
+    unknown = [pl.lit(value).alias(name) for name, value in _TOUCHES.items()]
+    return pl.col("releases").list.eval(pl.struct(*kept, *unknown))
 
 
 def _old_columns() -> dict[str, pl.DataType]:
@@ -300,6 +331,8 @@ def _old_columns() -> dict[str, pl.DataType]:
             found["strategy"] = dtype
         elif name == "events":
             found["events"] = pl.List(pl.Struct({**event, **dict.fromkeys(_OLD_CONTAINERS, pl.Float64())}))
+        elif name == "releases":
+            found["releases"] = _untouched()
         elif name not in _NEW_COLUMNS:
             found[name] = dtype
     return found
@@ -313,7 +346,8 @@ def _from_old(frame: pl.DataFrame, notes: Mapping[str, str]) -> pl.DataFrame:
     usual = {each.name: each.default for each in fields(EpisodeLog) if each.name in _NEW_COLUMNS}
     place = pl.col("strategy") if strategy is None else pl.lit(strategy.place)
     more = {name: pl.lit(value if strategy is None else getattr(strategy, name)) for name, value in usual.items()}
-    return frame.with_columns(place=place, events=_events_from_old(), **more).select(columns().keys())
+    parts = {"events": _events_from_old(), "releases": _releases_from_old()}
+    return frame.with_columns(place=place, **parts, **more).select(columns().keys())
 
 
 def _noted_strategy(notes: Mapping[str, str]) -> Strategy | None:

@@ -65,7 +65,7 @@ class WorldOptions:
     """How the hand holds an object: as it was grasped, and it collides with the robot again after its release; or
     snapped to the gripper's axes, and it never collides with the robot again (M3)."""
     base_speed: float = 1.0
-    """Largest speed of the base in [m/s] and [rad/s]. Fetch: about 1; M3: 3, with which earlier policies were trained."""
+    """Largest speed of the base in [m/s] and [rad/s]. Fetch: about 1; M3: 3, as for earlier policies."""
 
     def __post_init__(self) -> None:
         """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""
@@ -291,6 +291,13 @@ class Scene:
         return tuple(
             np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in self.object_bodies
         )
+
+    @cached_property
+    def geom_object(self) -> IntArray:
+        """Number of the object that each geom belongs to, -1 for none. Shape (geoms,)."""
+        numbers = np.full(self.model.nbody, -1, dtype=np.int64)
+        numbers[self.object_bodies] = np.arange(len(self.object_bodies))
+        return np.asarray(numbers[self.model.geom_bodyid])
 
     @cached_property
     def robot_geoms(self) -> BoolArray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.hand import Hand
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
@@ -22,8 +22,8 @@ STOP_LEVEL = 0.9
 choice; M3 has a discrete action for it)."""
 
 BASE_SPEED = 1.5
-"""Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3), where the base is so
-fast, see `WorldOptions.base_speed`."""
+"""Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3), where the base is
+so fast, see `WorldOptions.base_speed`."""
 NAVIGATION_SPEED = 3.0
 """The same in navigation (M3, whose actions are 20 discrete ones; ours are continuous)."""
 ARM_STEP = 0.025
@@ -175,7 +175,7 @@ class Simulator:
         self.hand.release()
 
     def base_speed(self, speed: float) -> float:
-        """Return the speed of a base action of 1 in [m/s] and [rad/s] for that of a skill: no more than the base has."""
+        """Return the speed of a base action of 1 in [m/s] and [rad/s]: a skill's, but no more than the base has."""
         return min(speed, self.scene.options.base_speed)
 
     def diverged(self) -> bool:
@@ -195,6 +195,16 @@ class Simulator:
         if not len(rows):
             return 0.0
         return float(self.data.efc_force[rows].max())
+
+    def touched(self, count: int) -> BoolArray:
+        """Return which of the first objects the arm or its hand touches; never what it holds. Shape (count,)."""
+        geoms = self.data.contact.geom
+        touched = np.zeros(len(self.scene.placements) + 1, dtype=bool)
+        if len(geoms):
+            arm = self.scene.arm_geoms[geoms]
+            numbers = self.scene.geom_object[geoms]
+            touched[numbers[arm[:, ::-1]]] = True  # the other geom of a contact; -1 is the last entry
+        return touched[:count]
 
     def _exclude_far_bodies(self) -> None:
         """Exclude bodies that nothing can touch from the contact search, see `nearby`."""

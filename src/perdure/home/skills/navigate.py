@@ -38,8 +38,8 @@ FAR = 5.0
 STUCK_STEPS = 90
 STUCK_WAY = 0.2
 STUCK_TURN = 1.0
-"""A robot that has moved less than this, in [m] and in [rad], for so many control steps is stuck. How fast it moves does
-not matter: one that cannot get nearer may rock to and fro for ever."""
+"""A robot that has moved less than this, in [m] and in [rad], for so many control steps is stuck (our choice). How fast
+it moves does not matter: one that cannot get nearer may rock to and fro for ever."""
 
 
 def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:

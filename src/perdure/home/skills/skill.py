@@ -43,8 +43,8 @@ class SkillProgress(Rows):
     released: BoolArray
     """Whether it has been released after that."""
     lasting: IntArray
-    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot stayed
-    near its anchor (navigate)."""
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot
+    stayed near its anchor (navigate)."""
     reached: BoolArray
     """Whether the drawer, door or object has been in its goal region."""
     away: BoolArray

@@ -37,7 +37,7 @@ def world_with(room, *offsets, kinds=None, above=0.25, held=-1, approach=None, b
     stand = Pose(stand.x - back * np.cos(stand.yaw), stand.y - back * np.sin(stand.yaw), stand.yaw)
     kinds = kinds or ["010_potted_meat_can"] * len(offsets)
     placements = [
-        Placement(kind, tuple(float(v) for v in middle + (*o, KINDS[kind].half[2] + 0.001)), UPRIGHT, name)
+        Placement(kind, tuple(np.add(middle, (*o, KINDS[kind].half[2] + 0.001)).tolist()), UPRIGHT, name)
         for kind, o in zip(kinds, offsets, strict=True)
     ]
     rotation = None
@@ -188,7 +188,9 @@ def driven_into_it(world):
     before = world.sense()
     after = act(world, 20, forward=0.2)
     assert 0.08 < np.linalg.norm(after.base[0, :2] - before.base[0, :2]) < 0.15
-    return np.linalg.norm(after.object[0] - before.object[0])
+    way = np.linalg.norm(after.object[0] - before.object[0])
+    assert world.simulator(0).touched(1)[0] == (way > 0.01)
+    return way
 
 
 def test_a_placed_can_collides_with_the_hand_again_and_is_not_hurled_away(room):
