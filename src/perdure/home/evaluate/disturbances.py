@@ -15,9 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from perdure.disturbances import CALM
-from perdure.disturbances.vocabulary import level_text, split_text
 from perdure.errors import PerdureError, lookup
+from perdure.home.evaluate.strategy import CALM
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
@@ -52,7 +51,7 @@ class HomeDisturbance:
     @property
     def label(self) -> str:
         """The text that `parse_home_disturbances` reads, such as ``bump:0.1``."""
-        return f"{self.name}:{level_text(self.level)}"
+        return f"{self.name}:{self.level:g}"
 
     def effect(self, episode: Episode, eval_seed: int) -> HomeEffect:
         """Return what it does to an episode."""
@@ -70,12 +69,12 @@ def parse_home_disturbances(texts: Sequence[str]) -> tuple[HomeDisturbance, ...]
         return ()
     found = []
     for text in texts:
-        name, level, time = split_text(text)
+        name, _, level = text.partition(":")
         try:
             number = float(level)
         except ValueError:
             number = math.nan
-        if math.isnan(number) or time:
+        if math.isnan(number):
             raise PerdureError(f"a disturbance of a home is written name:level, such as bump:0.1, not {text!r}")
         found.append(HomeDisturbance(name, number))
     if len({each.name for each in found}) < len(found):

@@ -23,10 +23,9 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 
 import numpy as np
 
-from perdure.disturbances import CALM
 from perdure.errors import PerdureError
 from perdure.home.evaluate.log import Column, EpisodeLog, Event, Release
-from perdure.home.evaluate.strategy import Strategy, strategy_of
+from perdure.home.evaluate.strategy import CALM, Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
 from perdure.home.sim.scene import SceneOptions, with_earlier_scene
 from perdure.home.tasks.planners import FallbackName, OpenLoop

@@ -18,9 +18,8 @@ from typing import Annotated, Literal, get_args
 
 import numpy as np
 
-from perdure.disturbances import CALM
 from perdure.errors import PerdureError
-from perdure.home.evaluate.strategy import Strategy
+from perdure.home.evaluate.strategy import CALM, Strategy
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Vec3
 from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.tasks.tasks import (

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from perdure.disturbances import CALM
 from perdure.home.sim.scene import WorldOptions
 from perdure.home.tasks.planners import FallbackName, OpenLoop, Planner, find_planner
 
+CALM = "none"
+"""Name of no disturbance at all."""
 WORLDS = {"drag": "drag only", "hull-apple": "apple a convex hull"}
 """Word of `WorldOptions.words` to what a reader sees; the others are read as they are, without hyphens."""
 FALLBACKS = {"oracle": "", "none": "without fallback"}
