@@ -212,6 +212,18 @@ def perceived(state: PrivilegedState, lanes: IntArray, running: Mapping[int, Run
     return state
 
 
+def disturbed(
+    world: VectorSimulator, state: PrivilegedState, lanes: IntArray, running: Mapping[int, Running]
+) -> PrivilegedState:
+    """Disturb the homes of lanes after a control step; return the state as their robots perceive it then."""
+    effects = [(lane, effect) for lane in lanes.tolist() for effect in running[lane].effects]
+    if not effects:
+        return state
+    for lane, effect in effects:
+        effect.after_step(world.simulator(lane))
+    return perceived(world.sense(lanes), lanes, running)
+
+
 StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
 """Called after every control step with the world and the running episode of each lane."""
 
@@ -376,11 +388,9 @@ class Executor:
         world.step(actions[lanes], lanes, speed[lanes], arm_step[lanes])
 
         # Record the step, and go on to the next skills.
-        self._record(world, lanes, running, world.sense(lanes))
-        for lane in lanes.tolist():
-            for effect in running[lane].effects:
-                effect.after_step(world.simulator(lane))
-        after = perceived(world.sense(lanes), lanes, running)
+        after = world.sense(lanes)
+        self._record(world, lanes, running, after)
+        after = disturbed(world, after, lanes, running)
         for name, group in groups.items():
             self._end_skills(world, name, group, after[rows[name]], running)
 
