@@ -24,7 +24,7 @@ class StudyFlags:
     Several commands share a study, also on several machines: each takes what no other is working on.
     """
 
-    name: tyro.conf.Positional[Literal["horizon", "placement", "disturbance", "cure"]]
+    name: tyro.conf.Positional[Literal["horizon", "placement", "disturbance", "cure", "agents"]]
     """The study."""
     scale: str | None = None
     """Size of the study: smoke (minutes), laptop (a night) or thesis (hours to days). By default the smallest that the

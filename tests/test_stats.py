@@ -20,6 +20,7 @@ from perdure.stats import (
     compare_unpaired,
     compare_with,
     estimate_interval,
+    fewer_p,
     kaplan_meier,
     make_units,
     mean_difference,
@@ -319,3 +320,11 @@ def test_a_mean_of_differences_by_hand():
     assert (found.estimate, found.error) == pytest.approx((3.0, 2.5))
     assert found.freedom == pytest.approx(625.0 / (81.0 / 4.0 + 256.0 / 9.0))
     assert found.count == 5
+
+
+@pytest.mark.parametrize("table", [(1, 5, 5, 5), (2, 5, 5, 5), (0, 3, 3, 3), (7, 40, 20, 41), (3, 3, 0, 4)])
+def test_fewer_hits_than_another_group(table):
+    hits, count, other_hits, other_count = table
+    rows = [[hits, count - hits], [other_hits, other_count - other_hits]]
+    assert fewer_p(*table) == pytest.approx(stats.fisher_exact(rows, alternative="less").pvalue)
+    assert fewer_p(0, count, 0, other_count) == 1.0

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     *("Difference", "FailureRate", "Interval", "Units", "bootstrap_interval", "clopper_pearson", "compare_paired"),
-    *("compare_unpaired", "compare_with", "estimate_interval", "kaplan_meier", "make_units"),
+    *("compare_unpaired", "compare_with", "estimate_interval", "fewer_p", "kaplan_meier", "make_units"),
     *("mean_difference", "mean_interval", "measure_failure_rate", "median_time", "permutation_p", "runs_for_power"),
     *("survival_interval", "t_interval"),
 ]
@@ -204,6 +204,16 @@ def clopper_pearson(share: ArrayLike, count: int, confidence: float = CONFIDENCE
     lower = np.where(hits > 0, betaincinv(np.maximum(hits, 1), count - hits + 1, tail), 0.0)
     upper = np.where(hits < count, betaincinv(hits + 1, np.maximum(count - hits, 1), 1.0 - tail), 1.0)
     return lower, upper
+
+
+def fewer_p(hits: int, count: int, other_hits: int, other_count: int) -> float:
+    """Return the p value of so few hits beside another group's, if chance alone divided all hits between the groups.
+
+    One-sided exact test of [Fisher, 1935, "The Logic of Inductive Inference"]; 1 where a group is empty.
+    """
+    all_hits = hits + other_hits
+    ways = sum(math.comb(count, k) * math.comb(other_count, all_hits - k) for k in range(hits + 1))
+    return ways / math.comb(count + other_count, all_hits)
 
 
 def _columns(units: Units) -> FloatArray:

@@ -12,7 +12,7 @@ from perdure.policy import load_policy, save_policy
 from perdure.runs import Store, Unit
 from studies.cure.claims import claims_table, measure_runs
 from studies.cure.grid import ARMS, BASE, BASE_SEEDS, PHASES, Arm, cells, variant
-from studies.disturbance.grid import Condition
+from studies.disturbance.grid import TASKS, Condition
 from studies.disturbance.study import FRESH, ROWS
 from studies.files import include_tables, read_parquet_file, write_csv, write_parquet_file
 
@@ -117,7 +117,7 @@ def analyze(scale: str, out: Path) -> list[Path]:
 
 def arms_table(episodes: pl.DataFrame) -> pl.DataFrame:
     """Return the means over training runs of each kind of run, task and condition."""
-    words = {BASE: "discounted PPO, as committed", **{arm.name: arm.words for arm in ARMS}}
+    words = {BASE: "discounted PPO, before", **{arm.name: arm.words for arm in ARMS}}
     measures = ("work", "score", "holding share", "speed")
     runs = measure_runs(episodes)
     means = runs.group_by("task", "condition", "arm").agg(
@@ -133,12 +133,16 @@ def arms_table(episodes: pl.DataFrame) -> pl.DataFrame:
 
 def _texts(arms: pl.DataFrame) -> pl.DataFrame:
     """Return the table of the page: under `standard-1`."""
-    shown = arms.filter(condition="standard-1")
+    tasks = {task: place for place, task in enumerate(TASKS)}
+    order = {name: place for place, name in enumerate((BASE, *dict.fromkeys(arm.name for arm in ARMS)))}
+    shown = arms.filter(condition="standard-1").sort(
+        pl.col("task").replace_strict(tasks, default=len(tasks)), pl.col("arm").replace_strict(order)
+    )
     return shown.select(
         pl.col("task"),
         pl.col("words").alias("training"),
         pl.col("runs").cast(pl.String),
-        pl.col("work").round(2).cast(pl.String),
+        pl.Series("work", [f"{each:.2f}" for each in shown["work"]]),
         pl.format("{} of {}", pl.col("episodes") - pl.col("failures"), "episodes").alias("episodes without failure"),
-        pl.col("speed").round(2).cast(pl.String),
+        pl.Series("speed", [f"{each:.2f}" for each in shown["speed"]]),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,23 +16,21 @@ from perdure.report import wording
 from perdure.report.outcomes import NeverWorked
 from perdure.stats import compare_paired
 from studies.disturbance.claims import CLAIMS as REGISTERED
-from studies.disturbance.claims import NOISE
-from studies.horizon.claims import Condition, decide, effect, holm, p_value, read_claims
+from studies.horizon.claims import Claim, Condition, decide, effect, holm, p_value, read_claims
 from studies.horizon.grid import CLEANRL, MAIN_SETTINGS, METHODS, SWEPT, Row
 from studies.horizon.results import TEST, VALIDATION, Results
 
 PPO, CHOSEN = Condition("ppo"), Condition("geometric", "chosen")
 RULE_WORDS = {"chosen": "cross-validated C", "best": "best C of the sweep"}
-FRESH = ("ppo", "ppo-gamma-0.999", "geometric")
-FRESH_COLUMNS = {
-    "noise": "noise (share)",
-    "pushes": "pushes (share)",
-    "calm": "calm (score)",
-    "speed": "speed (score)",
-}
-SHOWN_THRESHOLDS = (0.0, 0.1, 0.25, 0.5, 0.75)
+AGAINST_PPO = 1
+AGAINST_LONG = 6
+"""Claims of `REGISTERED`, counted from 1, whose sides are the columns of the first table: under action noise, the
+method against discounted PPO and against PPO with a discount of 0.999."""
+FRESH_MEASURES = {"working share": "works (share)", "work": "work"}
 DISTURBED = Path(__file__).parents[2] / "results" / "disturbance" / "tables"
 REGISTERED_TASKS = ("Hopper-v3@cleanrl", "Walker2d-v3@cleanrl", "HalfCheetah-v3")
+REGISTERED_NAMES = tuple(setting.partition("@")[0] for setting in REGISTERED_TASKS)
+REGISTERED_COLUMNS = ("left minus right", "by task", "by work", "speeds", "power")
 CLOCKS = {
     **{f"constant:{c}": f"C = {c:,}" for c in (0, 100, 200, 300, 500, 1000)},
     "countdown": "countdown",
@@ -62,10 +61,22 @@ def claim_table(results: Results) -> pl.DataFrame:
             numbers |= {"p": p_value(claim, found), "p, Holm": math.nan}
             tasks = {"tasks": ", ".join(claim.tasks), "right": str(claim.right)}
             decision = decide(claim, found.lower, found.upper)
-            rows.append(vars(claim) | tasks | numbers | {"runs": found.count, "decision": decision})
+            without = {"hangs on": ", ".join(_deciding_tasks(claim, results, decision))}
+            rows.append(vars(claim) | tasks | numbers | {"runs": found.count, "decision": decision} | without)
     for row, corrected in zip(rows, holm([row["p"] for row in rows]), strict=True):
         row["p, Holm"] = corrected
     return pl.DataFrame(rows)
+
+
+def _deciding_tasks(claim: Claim, results: Results, decision: str) -> Iterator[str]:
+    """Yield the tasks without which the decision over several tasks would be another one."""
+    if len(claim.tasks) < 2:
+        return
+    for task in claim.tasks:
+        others = tuple(each for each in claim.tasks if each != task)
+        found = effect(replace(claim, tasks=others), results.values)
+        if found is not None and decide(claim, found.lower, found.upper) != decision:
+            yield setting_words(task)
 
 
 def rule_table(results: Results) -> pl.DataFrame:
@@ -104,7 +115,6 @@ def page_tables(results: Results) -> dict[str, pl.DataFrame]:
     rows = {
         "fresh": _fresh_rows(),
         "registered": _registered_rows(),
-        "thresholds": _threshold_rows(),
         "clocks": _clock_rows(results),
         "claims": _claim_rows(results),
     }
@@ -128,20 +138,28 @@ def _clock_rows(results: Results) -> Iterator[dict[str, str]]:
 def _claim_rows(results: Results) -> Iterator[dict[str, str]]:
     for each in claim_table(results).iter_rows(named=True):
         effect = _numbers(each["effect"], each["lower"], each["upper"], "+.2f")
-        yield {"the thesis": each["sentence"], "effect": effect, "our runs": each["decision"]}
+        decision = each["decision"]
+        if each["hangs on"]:
+            decision += f"; not without {each['hangs on']}"
+        yield {"the thesis": each["sentence"], "effect": effect, "our runs": decision}
 
 
 def _fresh_rows() -> Iterator[dict[str, str]]:
-    """Yield what ten fresh training runs of a method do on a task."""
-    table = pl.read_csv(DISTURBED / "methods.csv")
-    for setting, method in product(REGISTERED_TASKS, FRESH):
+    """Yield how long ten fresh training runs of three methods work under noise, and how much they do."""
+    table = pl.read_csv(DISTURBED / "work.csv")
+    for setting, measure in product(REGISTERED_TASKS, FRESH_MEASURES):
         task = setting.partition("@")[0]
-        for each in table.filter(task=task, method=METHODS[method]).to_dicts():
-            cells = {
-                words: _numbers(each[name], each[f"{name} low"], each[f"{name} high"])
-                for name, words in FRESH_COLUMNS.items()
+        here = table.filter(task=task, measure=measure)
+        for plain in here.filter(claim=AGAINST_PPO).to_dicts():
+            longer = here.filter(claim=AGAINST_LONG).row(0, named=True)
+            yield {
+                "task": task,
+                "measure": FRESH_MEASURES[measure],
+                METHODS["ppo"]: f"{plain['right mean']:.2f}",
+                METHODS["ppo-gamma-0.999"]: f"{longer['right mean']:.2f}",
+                METHODS["geometric"]: f"{plain['left mean']:.2f}",
+                "method minus PPO": _numbers(plain["effect"], plain["low"], plain["high"], "+.2f"),
             }
-            yield {"task": task, "method": METHODS[method]} | cells
 
 
 def _registered_rows() -> Iterator[dict[str, str]]:
@@ -151,7 +169,14 @@ def _registered_rows() -> Iterator[dict[str, str]]:
     for number, claim in enumerate(REGISTERED, 1):
         left, right = (METHODS[side].replace(" time-to-go", "") for side in (claim.left, claim.right))
         words = f"{f'{number}. ' if claim.registered else ''}{left} against {right}, {claim.condition}"
-        row = dict.fromkeys(("left minus right", "by work", "speeds", "power"), "") | {"decision": "runs are missing"}
+        if claim.margin:
+            words += f", at most {claim.margin:g} less"
+        if claim.measure == "gain in training":
+            words += ", speed in training"
+        row = dict.fromkeys(REGISTERED_COLUMNS, "") | {"decision": "runs are missing"}
+        by_task = claims.filter(pl.col("task").is_in(REGISTERED_NAMES), claim=number)
+        effects = dict(by_task.select("task", "effect").iter_rows())
+        row["by task"] = ", ".join(f"{effects[task]:+.2f}" for task in REGISTERED_NAMES if task in effects)
         for each in claims.filter(claim=number).tail(1).to_dicts():
             row["decision"] = each["decision"] or row["decision"]
             row["left minus right"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
@@ -160,19 +185,6 @@ def _registered_rows() -> Iterator[dict[str, str]]:
         for each in work.filter(claim=number).tail(1).to_dicts():
             row["by work"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
         yield {"claim": words} | row
-
-
-def _threshold_rows() -> Iterator[dict[str, str]]:
-    """Yield the difference to discounted PPO and to PPO with a discount of 0.999, by standing threshold."""
-    table = pl.read_csv(DISTURBED / "thresholds.csv").filter(
-        pl.col("threshold").is_in(SHOWN_THRESHOLDS), condition=NOISE
-    )
-    for (threshold,), part in table.group_by("threshold", maintain_order=True):
-        row = {"stands below": f"{threshold:g}"}
-        for method in ("ppo", "ppo-gamma-0.999"):
-            for each in part.filter(right=method).to_dicts():
-                row[f"against {METHODS[method]}"] = _numbers(each["effect"], each["low"], each["high"], "+.2f")
-        yield row
 
 
 def _numbers(estimate: float, lower: float, upper: float, form: str = ".2f") -> str:

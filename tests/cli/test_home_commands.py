@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from perdure.cli.home import Shown, main, parse_policies
+from perdure.cli.home import Shown, main
+from perdure.cli.home_options import parse_policies
 from perdure.errors import PerdureError
 from perdure.home.agents.release import ReleaseStrategy
 from perdure.home.evaluate.execute import ExecutorOptions

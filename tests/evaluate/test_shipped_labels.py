@@ -12,6 +12,7 @@ EXPECTED = {
     ("HalfCheetah-v3/geometric", "constant(0)"): "fails silently",
     ("HalfCheetah-v3/geometric", "constant(500)"): "holds",
     ("HalfCheetah-v3/ppo", "none"): "holds",
+    ("Hopper-v3/cured", "none"): "holds",
     ("Hopper-v3/geometric", "constant(0)"): "falls",
     ("Hopper-v3/geometric", "constant(500)"): "holds",
     ("Hopper-v3/geometric-zoo", "constant(500)"): "never worked",
@@ -75,7 +76,8 @@ def test_what_a_label_says_of_disturbances_is_true(tmp_path, name):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("Hopper-v3/geometric", "holds"),  # these two are in the README
+        ("Hopper-v3/cured", "holds"),  # this and the next but one are in the README
+        ("Hopper-v3/geometric", "holds"),
         ("Hopper-v3/ppo", "falls"),
         ("Hopper-v3/ppo-average-reward", "holds"),
         ("Walker2d-v3/ppo-average-reward", "holds"),

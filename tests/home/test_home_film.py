@@ -10,13 +10,14 @@ import pytest
 from PIL import Image
 
 from perdure.errors import PerdureError
-from perdure.film import GAP
+from perdure.film import GAP, strip_height
 from perdure.home import film
+from perdure.home.evaluate.day import DayProtocol, find_errands
 from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.evaluate.policies import make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.evaluate.strategy import Strategy
-from perdure.home.film import Agent, Frame, film_episode, record
+from perdure.home.film import SMALL, TITLE, Agent, Frame, film_episode, film_errands, record
 from perdure.home.pictures import put, render_scene
 from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS
@@ -135,6 +136,28 @@ def grays(monkeypatch):
     monkeypatch.setattr(film, "Studio", Studio)
     monkeypatch.setattr(film, "Follower", lambda simulator: None)
     monkeypatch.setattr(film, "put", lambda simulator, state: setattr(Studio, "simulator", state[0]))
+
+
+def test_errands_of_a_home_stand_side_by_side(tmp_path, fast):
+    options = ExecutorOptions(settle_steps=2, planner="closed")
+    days = DayProtocol(("set_table",), 1.0, EvaluationProtocol("set_table", "rl", policies=ORACLES, options=options))
+    errands = find_errands(days, 0, (1, 2))
+    assert errands[2].base != errands[1].base
+    agents = {"set_table": Agent(days.protocol_of("set_table"))}
+    path = tmp_path / "film.gif"
+    try:
+        logs = film_errands(errands, agents, path, size=SIZE, speed=4.0)
+    except PerdureError as error:
+        if "no picture can be drawn" in str(error):
+            pytest.skip("this machine has neither EGL nor OSMesa")
+        raise
+    assert [log.index for log in logs] == [errands[1].index] * 2
+    with Image.open(path) as shown:
+        assert shown.size[0] == 2 * SIZE[0] + GAP
+        picture = np.asarray(shown.convert("RGB"), dtype=int)
+    top = strip_height([(TITLE, []), (SMALL, [])])
+    rooms = picture[top : top + SIZE[1]]
+    assert np.abs(rooms[:, : SIZE[0]] - rooms[:, SIZE[0] + GAP :]).max() > 50, "the robot stands elsewhere"
 
 
 def test_the_shorter_half_waits_for_the_longer(episode, tmp_path, grays):

@@ -1,17 +1,21 @@
 """The recipe of the cure: what it changes, and that a stranger's policy begins as it was."""
 
+import shlex
 from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
 
+from perdure.envs import task_spec
 from perdure.errors import PerdureError
 from perdure.horizon import Fixed, Geometric, HorizonProtocol
 from perdure.learn.networks import ACTIVATIONS, forward, merge
+from perdure.learn.provenance import command
 from perdure.learn.recipe import Recipe
 from perdure.learn.run import Segments
 from perdure.policy import Normalizer, Reference, TaskInfo, save_policy
+from perdure.policy.files import find_policy
 from perdure.policy.network import ACTIVATIONS as ACTED
 from perdure.policy.policy import SEEN, TanhSquash
 from studies.cure.grid import ARMS
@@ -109,3 +113,9 @@ def two_choices():
     """Weights of a network with an output for each of two choices."""
     two = TaskInfo(TASK, 4, (-1.0, -1.0), (1.0, 1.0))
     return random_policy(task=two, embedding=None).weights
+
+
+def test_what_continues_a_shipped_policy_names_it_and_no_place_on_this_machine():
+    run = Recipe().run(find_policy("Hopper-v3/ppo"), "Hopper-v3")
+    words = shlex.split(command(run, task_spec("Hopper-v3"), 0))
+    assert words[words.index("--from") + 1] == "Hopper-v3/ppo"

@@ -9,7 +9,7 @@ import pytest
 
 from perdure.report import estimate_table
 from perdure.report.caveats import Caveat
-from perdure.report.page import not_clean, not_holding, summary_json
+from perdure.report.summary import Summary, not_clean, not_holding
 
 
 def clean(synthetic, count=8, **changes):
@@ -79,7 +79,7 @@ def test_a_policy_that_fails_has_no_caveats(synthetic):
 
 def test_the_json_document_says_what_each_run_is_judged_by(synthetic):
     table = clean(synthetic).with_columns(way_rate=pl.lit(1.8), training_rate=2.0)
-    document = json.loads(summary_json(estimate_table(table), Path("t"), Path("p"), {}))
+    document = json.loads(Summary.of(estimate_table(table), Path("t"), Path("p"), {}).to_json())
     assert document["clean"] is True
     (run,) = document["groups"][1]["training_runs"]
     assert run["score_that_holds"] == pytest.approx(0.9 + 0.25 * 0.1)

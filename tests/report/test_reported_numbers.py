@@ -10,7 +10,7 @@ import pytest
 
 from perdure.report import estimate_table, summary_text
 from perdure.report.figures import make_figures
-from perdure.report.page import summary_json
+from perdure.report.summary import Summary
 from tests.report.conftest import build
 
 HOUR = {"disturbance": "standard-1", "step_seconds": 3.6, "rate": 2.0}
@@ -26,7 +26,7 @@ def disturbed(ends):
 
 
 def group(found):
-    return json.loads(summary_json(found, Path("t"), Path("p"), {}))["groups"][0]
+    return json.loads(Summary.of(found, Path("t"), Path("p"), {}).to_json())["groups"][0]
 
 
 def cell(frame, column):

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from xml.etree import ElementTree
 
+import jsonschema
 import polars as pl
 import pytest
 
 from perdure.cli.extrapolate import write_and_show
 from perdure.evaluate import ExtrapolationResult
 from perdure.report import estimate_table, write_table
-from perdure.report.page import not_holding, summary_json
+from perdure.report.summary import Summary, badge, json_schema, not_holding
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +26,9 @@ def mixed(synthetic):
 
 
 def test_the_document_says_what_the_table_says(mixed, tmp_path):
-    document = json.loads(summary_json(estimate_table(mixed), tmp_path / "episodes.parquet", Path("report.html"), {}))
+    document = json.loads(
+        Summary.of(estimate_table(mixed), tmp_path / "episodes.parquet", Path("report.html"), {}).to_json()
+    )
     calm, disturbed = document["groups"]
     assert document["holds"] is False
     assert Path(document["page"]).is_absolute()
@@ -45,9 +49,33 @@ def test_the_document_says_what_the_table_says(mixed, tmp_path):
 
 
 def test_every_name_is_in_the_reference(mixed):
-    document = json.loads(summary_json(estimate_table(mixed), Path("t"), Path("p"), {}))
+    document = json.loads(Summary.of(estimate_table(mixed), Path("t"), Path("p"), {}).to_json())
     page = (Path(__file__).parents[2] / "docs" / "reference" / "json.md").read_text()
     assert [name for name in (*document, *document["groups"][0]) if f"`{name}`" not in page] == []
+
+
+def test_the_documents_fit_the_published_schema(mixed):
+    published = (Path(__file__).parents[2] / "docs" / "reference" / "verdict.schema.json").read_text()
+    assert published == json_schema(), "write it again: python -m perdure.report.summary"
+    validator = jsonschema.Draft202012Validator(json.loads(published))
+    document = json.loads(Summary.of(estimate_table(mixed), Path("t"), Path("p"), {}).to_json())
+    validator.validate(document)
+    del document["groups"][0]["verdict"]
+    assert not validator.is_valid(document)
+
+
+def test_what_does_not_hold_is_a_failed_case_and_a_red_badge(mixed, tmp_path):
+    table = write_table(tmp_path / "episodes.parquet", mixed, {})
+    write_and_show(table, tmp_path, ())
+    assert json.loads((tmp_path / "verdict.json").read_text())["holds"] is False
+    (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("Hopper-v3", "2", "1")
+    failed = [case.get("name") for case in suite if case.find("failure") is not None]
+    assert failed == ["geometric, constant(500), standard-1"]
+    assert suite.find(".//failure").get("type") == "falls"
+    assert json.loads((tmp_path / "badge.json").read_text())["message"] == "falls"
+    calm = estimate_table(mixed.filter(disturbance="none"))
+    assert json.loads(badge(calm))["color"] != "red"
 
 
 def test_a_result_holds_if_all_of_it_does(mixed):

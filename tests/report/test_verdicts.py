@@ -12,7 +12,7 @@ from perdure.report import summary_text, wording
 from perdure.report.estimates import advice, estimate_table, headline
 from perdure.report.groups import behave_as_one
 from perdure.report.outcomes import SITUATIONS, find_advice, outcomes
-from perdure.report.page import not_holding
+from perdure.report.summary import not_holding
 
 HELP = Path(__file__).parents[2] / "docs" / "how-to" / "when-a-policy-fails.md"
 HOUR = {"disturbance": "standard-1", "step_seconds": 3.6, "rate": 2.0}

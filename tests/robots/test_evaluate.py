@@ -11,8 +11,8 @@ import perdure
 from perdure.errors import PerdureError
 from perdure.evaluate import reference
 from perdure.report import estimate_table, read_table, wording
-from perdure.report.page import summary_json
 from perdure.report.schema import COLUMNS, MEASURES, table_episodes
+from perdure.report.summary import Summary
 from tests.robots.conftest import ANT
 
 OPTIONS = {"steps": 200, "eval_seeds": 2, "disturb": "none", "training_horizon": 50, "cores": 1, "on": "here"}
@@ -44,7 +44,7 @@ def test_the_verdict_and_the_summary_speak_of_the_walk(result, tmp_path):
     shown = {name: wording.quantity(value) for name, value in medians.items()}
     assert f"turns {shown['heading_error']} degrees a minute from its commanded heading" in text
     assert f"drifts {shown['lateral_drift']} m a minute" in text
-    (group,) = json.loads(summary_json(estimate_table(result.frame), tmp_path, tmp_path, {}))["groups"]
+    (group,) = json.loads(Summary.of(estimate_table(result.frame), tmp_path, tmp_path, {}).to_json())["groups"]
     assert group["measures"] == pytest.approx(medians)
 
 

@@ -41,6 +41,7 @@ HOME_USAGE = """perdure home: the Home Assistant Benchmark on MuJoCo.
   perdure home view TASK --index 3           an episode live in a browser
   perdure home train SKILL                   train a skill
   perdure home run TASK --place ik           the protocol: episodes x training seeds x evaluation seeds
+  perdure home day --errands TASK --hours 4  errand after errand in homes that are never reset
   perdure home analyze LOGS --out PAGE       success per stage, failure causes, placements; with --out as a page
   perdure home failures LOGS                 failed episodes, drawn at random, in pictures: is the label right?
 
@@ -64,7 +65,7 @@ MODULES = {
 }
 """Modules of commands that are not in `perdure.cli.commands`."""
 ALIASES = {"analyse": "analyze"}
-RESUMING = ("demo", "train", "extrapolate", "compare", "cure", "home train", "home run")
+RESUMING = ("demo", "train", "extrapolate", "compare", "cure", "home train", "home run", "home day")
 """Commands that keep finished parts of an interrupted run."""
 
 

@@ -190,8 +190,9 @@ def write_and_show(
     """
     from perdure.evaluate.judge import read_judged
     from perdure.report import estimate_table, read_episodes, summary_text, write_report
-    from perdure.report.page import REQUIREMENTS, STILLS, summary_json
+    from perdure.report.page import STILLS
     from perdure.report.schema import early_stop
+    from perdure.report.summary import REQUIREMENTS, write_summary
 
     if judged:
         episodes, notes = read_episodes(table)
@@ -207,7 +208,8 @@ def write_and_show(
     command = notes.get("command", "")
     files = named_files(command)
     page = write_report(estimates, out, command, formats, notes, table.parent / STILLS, files).resolve()
-    print(summary_json(estimates, table, page, notes) if as_json else f"\nReport: {page}")
+    summary = write_summary(estimates, table, page, notes)
+    print(summary.to_json() if as_json else f"\nReport: {page}")
     missed = [] if require is None else REQUIREMENTS[require](estimates)
     if missed:
         print(f"perdure: --require {require} is not met: {'; '.join(missed)}", file=sys.stderr)

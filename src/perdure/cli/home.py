@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,76 +11,32 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from perdure.cli.home_day import day
+from perdure.cli.home_options import (
+    EvalSeed,
+    Fallback,
+    Index,
+    PlannerName,
+    Policies,
+    RunOptions,
+    Split,
+    Task,
+    World,
+    parse_policies,
+)
 from perdure.cli.parse import Cores, On, call, check_folder
 from perdure.errors import PerdureError
 from perdure.home.sim.scene import SceneOptions, WorldOptions
-from perdure.home.tasks.planners import FallbackName
 from perdure.report.charts import Format
 
 if TYPE_CHECKING:
-    from perdure.home.evaluate.protocol import EvaluationProtocol
     from perdure.learn.run import TrainRun
 
-Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="A task of `perdure home list`, such as set_table.")]
 Logs = Annotated[
     tuple[Path, ...],
     tyro.conf.Positional,
     tyro.conf.arg(help="Log files, or folders that hold some, of any tasks and release strategies."),
 ]
-Split = Annotated[
-    str, tyro.conf.arg(help="val (known layouts, arranged anew), eval (a new layout) or eval-2 (five more).")
-]
-Index = Annotated[int, tyro.conf.arg(help="Number of the episode in its split.")]
-EvalSeed = Annotated[int, tyro.conf.arg(help="Draws the robot's start pose.")]
-Policies = Annotated[
-    tuple[str, ...],
-    tyro.conf.arg(
-        help="SKILL=FILE or SKILL=oracle ({seed}: the training seed), or `oracle`; else shipped policies (of logs: "
-        "those that they name), else the oracle. FILE@constant:50: a time-to-go input is 50 steps instead of those "
-        "left in the skill."
-    ),
-]
-
-
-def _listed(kinds: Mapping[str, Any], default: str) -> str:
-    """Return the members of a vocabulary with their words, for the help of a flag."""
-    members = "; ".join(f"{name}: {kind.words}" for name, kind in kinds.items())
-    return f"({members}; default: {default})"
-
-
-def _planners(default: str) -> str:
-    from perdure.home.tasks.planners import Planner
-
-    return _listed(Planner.kinds(), default)
-
-
-def _release_strategies(default: str) -> str:
-    from perdure.home.agents.release import ReleaseStrategy
-
-    return _listed(ReleaseStrategy.kinds(), default)
-
-
-def _disturbances(default: str) -> str:
-    from perdure.home.evaluate.disturbances import HomeEffect
-
-    return _listed(HomeEffect.kinds(), "none")
-
-
-# The vocabularies are imported when a help text is printed: other packages may add to them.
-PlannerName = Annotated[str, tyro.conf.arg(help="Which skill is next in an episode.", help_behavior_hint=_planners)]
-Place = Annotated[str, tyro.conf.arg(help_behavior_hint=_release_strategies)]
-Fallback = Annotated[
-    FallbackName,
-    tyro.conf.arg(
-        help="With --planner closed, who acts once a skill has failed three times. oracle: the scripted oracle. none: "
-        "the policy again; after five attempts the target is given up and the plan goes on."
-    ),
-]
-Disturb = Annotated[
-    tuple[str, ...],
-    tyro.conf.arg(help="Disturbances that act together, such as bump:0.1.", help_behavior_hint=_disturbances),
-]
-World = Annotated[WorldOptions, tyro.conf.OmitArgPrefixes]
 
 
 def main(command: str, args: list[str]) -> None:
@@ -364,46 +320,11 @@ def train(
 
 
 @dataclass(frozen=True)
-class Runs:
+class Runs(RunOptions):
     """What is run of a task."""
 
-    place: Place = "rl"
-    """One release strategy: what happens when the policy commands the hand to open. Or a policy that was trained
-    otherwise and opens it at once: delta-N (the object must stay for N steps), gentle (release at rest), hand
-    (Cartesian actions), linear and geometric (time-to-go), linear-N and geometric-N (always N steps to go). gentle is
-    shipped for set_table."""
-    split: Split = "val"
     episodes: int = 100
     """Number of episodes of the split, from its first one."""
-    train_seeds: int = 1
-    """Number of training seeds, from seed 0; each has its own policies. Three are shipped."""
-    eval_seeds: int = 1
-    """Number of evaluation seeds; each draws the robot's start poses."""
-    policies: Policies = ()
-    planner: PlannerName = "open"
-    fallback: Fallback = "oracle"
-    world: World = WorldOptions()  # noqa: RUF009 - frozen
-    """The variant of the physics."""
-    disturb: Disturb = ()
-
-    def protocol(self, task: str) -> EvaluationProtocol:
-        """Return the protocol of a task."""
-        from perdure.home.evaluate.disturbances import parse_home_disturbances
-        from perdure.home.evaluate.execute import ExecutorOptions
-        from perdure.home.evaluate.protocol import EvaluationProtocol
-
-        scene = SceneOptions(**vars(self.world))
-        disturb = parse_home_disturbances(self.disturb)
-        return EvaluationProtocol(
-            task,
-            self.place,
-            self.split,
-            self.episodes,
-            self.train_seeds,
-            self.eval_seeds,
-            policies=parse_policies(self.policies),
-            options=ExecutorOptions(scene=scene, planner=self.planner, fallback=self.fallback, disturb=disturb),
-        )
 
 
 def run(
@@ -426,7 +347,7 @@ def run(
     from perdure.runs.progress import show_progress
 
     check_folder(out)
-    protocol = runs.protocol(task)
+    protocol = runs.protocol(task, runs.episodes)
     for flags, skills in protocol.trained_otherwise().items():
         print(f"trained with other physics ({flags}): {', '.join(skills)}", file=sys.stderr)
     with show_progress(f"{task} {protocol.place}", "episodes") as observe:
@@ -518,7 +439,7 @@ def failures(
         sys.exit(f"perdure: {others} of {len(drawn)} episodes got another label: by other code or policies")
 
 
-_ALL: tuple[Any, ...] = (list_names, episode, plan, video, view, train, run, analyze_logs, failures)
+_ALL: tuple[Any, ...] = (list_names, episode, plan, video, view, train, run, day, analyze_logs, failures)
 COMMANDS: dict[str, Callable[..., None]] = {each.__name__.partition("_")[0]: each for each in _ALL}
 """Each under the first word of its name."""
 
@@ -529,21 +450,3 @@ def log_files(given: tuple[Path, ...]) -> list[Path]:
     if not paths:
         raise PerdureError(f"there are no logs (*.parquet) in {', '.join(map(str, given)) or 'nothing: name a folder'}")
     return paths
-
-
-def parse_policies(written: tuple[str, ...]) -> dict[str, str]:
-    """Return SKILL=FILE and SKILL=oracle as a mapping; "oracle" alone means the oracle in every skill.
-
-    Raises:
-        PerdureError: For anything else, or a skill that is named twice.
-    """
-    from perdure.home.skills import SKILLS
-
-    if written == ("oracle",):
-        return dict.fromkeys(SKILLS, "oracle")
-    chosen = dict(each.partition("=")[::2] for each in written)
-    if len(chosen) < len(written):
-        raise PerdureError(f"policies must name each skill once, not {' '.join(written)}")
-    if not all(chosen.values()):
-        raise PerdureError(f"policies are written SKILL=FILE or SKILL=oracle, not {' '.join(written)}")
-    return chosen

@@ -67,10 +67,14 @@ class ExtrapolationResult:
             out: A folder; made if it is missing.
             command: What made the table, for a reader who wants to repeat it.
         """
-        from perdure.report import write_report
+        from perdure.report import estimate_table, write_report
+        from perdure.report.summary import write_summary
 
-        _, notes = self.write_table(out, command)
-        return write_report(self.frame, out, command, notes=notes)
+        table, notes = self.write_table(out, command)
+        estimates = estimate_table(self.frame)
+        page = write_report(estimates, out, command, notes=notes)
+        write_summary(estimates, table, page, notes)
+        return page
 
     def write_table(self, out: str | Path, command: str) -> tuple[Path, dict[str, str]]:
         """Write the table and its baselines into a folder; return its file and its notes. Arguments as of `write`."""
@@ -87,7 +91,7 @@ class ExtrapolationResult:
     def holds(self) -> bool:
         """Whether all policies hold, or reach their goal, under every clock and disturbance."""
         from perdure.report.estimates import estimate_table
-        from perdure.report.page import not_holding
+        from perdure.report.summary import not_holding
 
         return not not_holding(estimate_table(self.frame))
 
@@ -95,7 +99,7 @@ class ExtrapolationResult:
     def clean(self) -> bool:
         """Whether all policies hold, or reach their goal, without a caveat (`perdure.report.caveats`)."""
         from perdure.report.estimates import estimate_table
-        from perdure.report.page import not_clean
+        from perdure.report.summary import not_clean
 
         return not not_clean(estimate_table(self.frame))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import cycle
@@ -45,6 +46,7 @@ from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.simulator import Simulator
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import Episode
+from perdure.home.tasks.errands import Errand
 from perdure.home.tasks.planners import find_planner
 from perdure.home.tasks.tasks import SKILL_CONTAINERS, SKILL_VERBS, SkillName, SkillStep, Verb
 
@@ -234,14 +236,9 @@ def film_episode(
     Raises:
         PerdureError: For values that make no film, or if an agent does not release the target.
     """
-    check_film(path)
-    lookup(CAMERAS, camera, "camera")
     if speed is None:
         speed = 4.0 if release is None else 1.0
-    if not (speed > 0.0 and math.isfinite(speed)):
-        raise PerdureError(f"the speed of a film must be a number above 0, not {speed}")
-    if any(side % 2 for side in size):
-        raise PerdureError(f"width and height of a film must be even, not {size[0]} x {size[1]}")
+    _check_options(path, camera, size, speed)
     if release is not None and not 0 <= release < len(episode.goals):
         raise PerdureError(f"release must be a target from 0 to {len(episode.goals) - 1}, not {release}")
     logs: list[EpisodeLog] = []
@@ -262,9 +259,67 @@ def film_episode(
                 view = _overview_of(episode, logs, camera, size)
             steps = pace.steps(max(len(frames) for frames in takes))
             panels = [
-                _panel(studio, agent, frames, view, marks, steps, pace)
+                _panel(studio, (agent.title, agent.caption), frames, view, marks, steps, pace)
                 for agent, frames in zip(agents, takes, strict=True)
             ]
+            for row in zip(*panels, strict=True):
+                yield tile(row, len(row))
+
+    write_film(pictures(), path, pace.rate)
+    return logs
+
+
+def _check_options(path: Path, camera: str, size: tuple[int, int], speed: float) -> None:
+    """Refuse values that make no film."""
+    check_film(path)
+    lookup(CAMERAS, camera, "camera")
+    if not (speed > 0.0 and math.isfinite(speed)):
+        raise PerdureError(f"the speed of a film must be a number above 0, not {speed}")
+    if any(side % 2 for side in size):
+        raise PerdureError(f"width and height of a film must be even, not {size[0]} x {size[1]}")
+
+
+def film_errands(
+    errands: Mapping[int, Errand],
+    agents: Mapping[str, Agent],
+    path: Path,
+    camera: str = "doll_house",
+    *,
+    size: tuple[int, int] = (720, 480),
+    speed: float = 4.0,
+) -> list[EpisodeLog]:
+    """Film errands of one home side by side and return their logs; those that end early hold their last picture.
+
+    Args:
+        errands: Number of an errand in its home to the errand, see `perdure.home.evaluate.day.find_errands`.
+        agents: What acts, by task.
+        path: The film, with a suffix of `RATES`.
+        camera: One of `CAMERAS`.
+        size: Width and height of an errand's picture in pixels, without the text around it; both even.
+        speed: Playback speed relative to real time.
+
+    Raises:
+        PerdureError: For values that make no film.
+    """
+    _check_options(path, camera, size, speed)
+    logs: list[EpisodeLog] = []
+    pace = _Pace(speed, RATES[path.suffix.lower()])
+
+    def pictures() -> Iterator[Picture]:
+        recordings = {number: record(errand, agents[errand.task]) for number, errand in errands.items()}
+        logs.extend(log for _, log in recordings.values())
+        steps = pace.steps(max(len(frames) for frames, _ in recordings.values()))
+        # Objects are numbered differently in each errand, so each has its own scene.
+        with ExitStack() as studios:
+            panels = []
+            for number, errand in errands.items():
+                studio = studios.enter_context(Studio(render_scene(errand, 0), size))
+                view: str | Shot = camera
+                if camera in ("doll_house", "plan"):
+                    view = _overview_of(errand, logs, camera, size)
+                words = (f"errand {number} without a reset", agents[errand.task].caption)
+                frames, _ = recordings[number]
+                panels.append(_panel(studio, words, frames, view, goal_marks(errand), steps, pace))
             for row in zip(*panels, strict=True):
                 yield tile(row, len(row))
 
@@ -309,14 +364,14 @@ def _overview_of(episode: Episode, logs: Sequence[EpisodeLog], camera: str, size
 
 def _panel(
     studio: Studio,
-    agent: Agent,
+    words: tuple[str, str],
     frames: Sequence[Frame],
     camera: str | Shot,
     marks: Sequence[Mark],
     steps: Sequence[int],
     pace: _Pace,
 ) -> Iterator[Picture]:
-    """Yield the pictures of one agent with text around them; the last one stays once its episode has ended."""
+    """Yield the pictures of an episode under a title and a line; the last one stays once it has ended."""
     follower = Follower(studio.simulator)
     ended = False
     for step in steps:
@@ -327,10 +382,10 @@ def _panel(
             view = camera
             if view == "follow":
                 view = follower.shot(frame.focus, frame.focused, 1.0 / pace.rate)
-            title = agent.title
+            title, line = words
             if ended:
                 title = f"{title} (ended)"
-            above: list[Row] = [(TITLE, [(title, INK)]), (SMALL, [(f"{agent.caption}; {pace.words}", GRAY)])]
+            above: list[Row] = [(TITLE, [(title, INK)]), (SMALL, [(f"{line}; {pace.words}", GRAY)])]
             picture = annotate(studio.take(view, marks, frame.path), above, frame.caption)
         yield picture
 

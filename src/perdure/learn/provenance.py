@@ -14,6 +14,7 @@ from perdure.learn.checkpoint import RunState
 from perdure.learn.presets import ZOO
 from perdure.learn.start import trained_steps
 from perdure.policy import Policy, load_policy, measure_reference
+from perdure.policy.files import policy_name
 from perdure.runs import file_digest, versions
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def command(run: TrainRun, spec: TaskSpec, seed: int) -> str:
     if run.disturb:
         words += ["--disturb", *run.disturb]
     if run.start is not None:
-        words += ["--from", str(run.start)]
+        words += ["--from", policy_name(run.start)]
     usual = usual_config(base, run.task, spec.observation_size, preset, spec.default_horizon)
     try:
         words += _overrides(run.config, usual, f"--{run.config.name}")

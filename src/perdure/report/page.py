@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
-import math
 import os
-import platform
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -20,16 +17,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 import polars as pl
 
 from perdure.disturbances import CALM
 from perdure.report import wording
-from perdure.report.caveats import CALM_WORK, listed
 from perdure.report.charts import DARK, Figure, Format, javascript, save, script_json, unique
 from perdure.report.estimates import (
-    HOLDING_SHARE,
     SEED,
     Estimate,
     Estimates,
@@ -39,12 +33,11 @@ from perdure.report.estimates import (
     headline,
 )
 from perdure.report.figures import make_figures
-from perdure.report.groups import Group, medians, success_cells
+from perdure.report.groups import success_cells
 from perdure.report.lead import Step, VerdictRow, next_steps, one_line, verdict_row
-from perdure.report.outcomes import CannotTell, outcomes
+from perdure.report.outcomes import outcomes
 from perdure.report.schema import TABLE, early_stop, read_episodes
-from perdure.report.scores import HOLDS_FROM, IDLE_BELOW, holds_from
-from perdure.runs import versions, write_atomic
+from perdure.runs import write_atomic
 from perdure.schema import printable
 from perdure.stats import Interval, mean_interval
 
@@ -363,108 +356,3 @@ def _clock_rows(estimates: Sequence[Estimate], rng: np.random.Generator) -> Iter
                 better = f"{int((difference > 0).sum())} of {wording.count(len(mine), 'episode')}"
                 middle = wording.quantity(float(found.estimate))
                 yield line, group.clock, first.clock, middle, _bounds(found), better, _over(found)
-
-
-# The summary of a table for machines
-
-
-def not_holding(estimates: Estimates) -> list[str]:
-    """Return who does not hold, such as "ppo: falls in 4 of 10 episodes", or why it cannot tell."""
-    verdicts = [item.verdict for items in estimates.values() for item in items]
-    found = [verdict for verdict in verdicts if not verdict.good]
-    return [each.sentence.rstrip(".") if each.label == CannotTell.name else each.short for each in found]
-
-
-def not_clean(estimates: Estimates) -> list[str]:
-    """Return who does not hold, as `not_holding`, and who holds with caveats: "ppo: holds ..., but is interrupted"."""
-    verdicts = [item.verdict for items in estimates.values() for item in items]
-    held = [f"{each.short}{listed(list(each.caveats))}" for each in verdicts if each.good and each.caveats]
-    return [*not_holding(estimates), *held]
-
-
-REQUIREMENTS = {"holds": not_holding, "clean": not_clean}
-"""What `--require` names, to the function that returns who misses it."""
-
-
-def summary_json(estimates: Estimates, table: Path, page: Path, notes: Mapping[str, str]) -> str:
-    """Return the summary of a table, with its notes, and its report as JSON; docs/reference/json.md has its names."""
-    stopped = early_stop(notes)
-    document = {
-        "holds": not not_holding(estimates),
-        "clean": not not_clean(estimates),
-        "stopped_early": None if stopped is None else msgspec.structs.asdict(stopped),
-        "bounds": {
-            "share_that_holds": HOLDING_SHARE,
-            "score_that_holds": HOLDS_FROM,
-            "idle_below": IDLE_BELOW,
-            "calm_work": CALM_WORK,
-        },
-        "groups": [_group(item) for items in estimates.values() for item in items],
-        "table": str(table.resolve()),
-        "page": str(page.resolve()),
-        "versions": {"python": platform.python_version(), **versions("envpool", "gymnasium", "mujoco", "numpy")},
-    }
-    return json.dumps(document, indent=2, allow_nan=False)
-
-
-def _group(item: Estimate) -> dict[str, Any]:
-    group = item.group
-    rate = group.failure_rate
-    hourly = None if rate is None else _numbers(estimate=rate.per_hour, low=rate.lower, high=rate.upper)
-    return {
-        "task": group.task,
-        "policy": group.policies,
-        "clock": group.clock,
-        "disturbance": group.disturbance,
-        "not_applied": group["not_applied"][0],
-        "episodes": group.episodes,
-        "steps": group.test_horizon,
-        "verdict": item.verdict.label,
-        "clean": item.verdict.clean,
-        "reasons": dict(item.verdict.caveats),
-        "outcomes": dict(Counter(group.verdicts)),
-        "share_that_holds": _bounds_of(item.verdict.share),
-        "mean_return": _bounds_of(item.returns),
-        "end_score_vs_training": _bounds_of(item.final_score),
-        "work_vs_calm": _bounds_of(item.work_vs_calm),
-        "work_vs_published": _bounds_of(item.work_vs_published),
-        **_numbers(median_failure_step=group.half_failed_by),
-        "failures_per_hour": hourly,
-        "measures": medians(group),
-        "training_runs": list(_training_runs(group)),
-    }
-
-
-_OF_RUN = (
-    *("policy", "train_seed", "policy_state", "policy_note", "training_falls", "idle_rate", "idle_steps"),
-    *("training_rate", "way_rate", "published_rate", "calm_rate", "window", "settling", "training_low_share"),
-)
-"""Columns of the table that are equal in all episodes of a training run in a group."""
-
-
-def _training_runs(group: Group) -> Iterator[dict[str, Any]]:
-    """Yield what the episodes of each training run are compared with, and their mean share of low windows."""
-    for _, part in group.facts.group_by("policy", "train_seed", maintain_order=True):
-        found = part.select(_OF_RUN).row(0, named=True)
-        way_score = math.nan
-        if not math.isnan(found["way_rate"]):
-            gain = found["training_rate"] - found["idle_rate"]
-            way_score = (found["way_rate"] - found["idle_rate"]) / gain
-        found["score_that_holds"] = holds_from(way_score)
-        found["low_share"] = float(part["low_share"].to_numpy().mean())
-        yield {name: _known(value) for name, value in found.items()}
-
-
-def _known(value: Any) -> Any:
-    """Return a value of the table for JSON; None for a number that is unknown."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _bounds_of(interval: Interval) -> dict[str, float | None]:
-    return _numbers(estimate=interval.estimate, low=interval.lower, high=interval.upper)
-
-
-def _numbers(**values: Any) -> dict[str, float | None]:
-    """Return the last number of each value; None where it is unknown."""
-    last = {name: float(np.ravel(value)[-1]) for name, value in values.items()}
-    return {name: value if math.isfinite(value) else None for name, value in last.items()}

@@ -118,12 +118,22 @@ def test_statistics_for_a_model_that_had_none_give_a_warning():
 def test_statistics_of_another_run_give_a_warning(tmp_path, steps, warned):
     """They saw 129 observations: 128 steps and a reset."""
     path = tmp_path / "model.zip"
-    path.write_bytes(with_settings(lambda settings: settings.update(num_timesteps=steps)))
+    path.write_bytes(with_settings(lambda settings: settings.update(num_timesteps=steps, _n_updates=0)))
     with warnings.catch_warnings(record=True) as found:
         Policy.from_sb3(path, "Pendulum-v1", normalizer=FIXTURES / "ppo.pkl", measure=False)
     assert (
         sum(f"for {steps} steps" in str(each.message) and "for 129:" in str(each.message) for each in found) == warned
     )
+
+
+def test_statistics_of_all_trainings_of_a_model_that_was_trained_further_give_no_warning(tmp_path):
+    """The second training counts its own 40 steps; the number of updates is that of all 128 steps."""
+    path = tmp_path / "model.zip"
+    path.write_bytes(with_settings(lambda settings: settings.update(num_timesteps=40)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        policy = Policy.from_sb3(path, "Pendulum-v1", normalizer=FIXTURES / "ppo.pkl", measure=False)
+    assert policy.provenance["steps"] == 128
 
 
 def test_an_environment_without_a_step_limit_gives_a_warning_that_names_the_flag():

@@ -99,10 +99,9 @@ def test_every_decided_sentence_survives_a_correction_for_their_number(results):
 
 
 def test_the_answer_says_what_the_tables_say_on_three_pages(results):
-    plain = " ".join((RESULTS / "README.md").read_text().split())
-    answer = re.findall(r"\*\*Answer\.\*\* (.*?) !\[", plain)[0]
-    tables = page_tables(results)
-    registered = tables["registered"]
+    page = " ".join((RESULTS / "README.md").read_text().split())
+    answer = re.findall(r"\*\*Answer\.\*\* (.*?) !\[", page)[0]
+    registered = page_tables(results)["registered"]
     assert registered["decision"].to_list() == ["supported"] * 5 + ["unregistered"]
     claims = pl.read_csv(RESULTS.parent / "disturbance" / "tables" / "claims.csv")
     decided = claims.filter(pl.col("decision") != "")
@@ -113,18 +112,38 @@ def test_the_answer_says_what_the_tables_say_on_three_pages(results):
     difference = registered["left minus right"][0].replace("+", "")
     simple = simple.replace("+", "")
     assert f"When calm no gain is shown ({calm})" in answer
-    assert f"PPO with a discount of 0.999 works for {longer} (difference {simple}, unregistered)" in answer
-    assert f"works for {method} of 10,000 steps, discounted PPO for {plain_ppo} (difference {difference})" in answer
-    assert f") and the method with PPO's discount for {discounted}" in answer
-    for page in ("README.md", "docs/explanation/does-a-time-to-go-help.md"):
-        told = " ".join((RESULTS.parents[1] / page).read_text().split())
-        assert f"PPO with a discount of 0.999 works for {longer} (difference {simple}, unregistered)" in told
+    assert f"works for {method} of 10,000 steps, discounted PPO for {plain_ppo} (difference {difference}; " in answer
+    assert f"and the method with PPO's discount for {discounted}" in page
+    longer_words = f"PPO with a discount of 0.999 works for {longer} (difference {simple}, unregistered)"
+    assert longer_words in page
+    for other in ("README.md", "docs/explanation/does-a-time-to-go-help.md"):
+        told = " ".join((RESULTS.parents[1] / other).read_text().split())
+        assert longer_words in told
         assert f"work for {method} of 10,000 steps, those of discounted PPO for {plain_ppo}" in told
-        assert page != "README.md" or f"(difference {difference}; registered before the runs; " in told
+        assert other != "README.md" or f"(difference {difference}; registered before the runs; " in told
     assert same_method == method
+
+
+def test_the_answer_says_how_many_cured_episodes_hold():
+    page = " ".join((RESULTS / "README.md").read_text().split())
+    arms = pl.read_csv(RESULTS.parent / "cure" / "tables" / "arms.csv").filter(condition="standard-1")
+    held = {
+        (task, arm): episodes - failures
+        for task, arm, episodes, failures in arms.select("task", "arm", "episodes", "failures").iter_rows()
+    }
+    cured, before = (
+        [held[task, arm] for task in ("Hopper-v3", "Walker2d-v3")] for arm in ("continued-long-noise", "ppo")
+    )
+    assert f"hold in {cured[0]} of 35 episodes under small disturbances (before: {before[0]})" in page
+    assert f"and seven Walker2ds in {cured[1]} (before: {before[1]})" in page
+
+
+def test_the_page_says_how_the_method_compares_with_a_longer_discount(results):
+    page = " ".join((RESULTS / "README.md").read_text().split())
+    registered = page_tables(results)["registered"]
     speeds = registered["speeds"].head(2).str.split(", ").list.eval(pl.element().cast(pl.Float64)).to_list()
     assert {round(left / right, 1) for left, right in speeds} == {0.7}
-    assert "while it works it earns 0.7 of what PPO earns" in answer
+    assert "While it works, the method earns 0.7 of what PPO earns" in page
     runs = measure_runs(pl.read_parquet(RESULTS.parent / "disturbance" / "registered.parquet"))
     shares = {
         (task, side): runs.filter(task=task, method=side, condition="action noise 0.1")["working share"]
@@ -135,7 +154,7 @@ def test_the_answer_says_what_the_tables_say_on_three_pages(results):
         [f"{100 * shares[task, side].mean():.0f} %" for side in ("ppo-gamma-0.999", "geometric")]
         for task in ("Walker2d-v3", "HalfCheetah-v3")
     )
-    assert "more on Walker2d ({}; the method {}), less on HalfCheetah ({}; {})".format(*walker, *cheetah) in answer
+    assert "more on Walker2d ({}; the method {}), less on HalfCheetah ({}; {})".format(*walker, *cheetah) in page
     last = read_parquet_file(RESULTS / "learning.parquet").filter(
         pl.col("setting") == "Hopper-v3@cleanrl", pl.col("train_seed") >= 10, pl.col("step") > 900_000
     )
@@ -144,9 +163,21 @@ def test_the_answer_says_what_the_tables_say_on_three_pages(results):
     )
     gains = {method: part["rate"] for (method,), part in rates.group_by("method")}
     assert (gains["ppo-gamma-0.999"] < 0.25 * gains["ppo"].mean()).sum() > 5
-    assert "on Hopper most of its runs hardly walk" in answer
+    assert "on Hopper most runs with a discount of 0.999 hardly walk" in page
     episodes = results.episodes["split"].value_counts()
     assert sorted(episodes["count"]) == [2350, 14160]
+
+
+def test_the_page_says_how_the_standing_threshold_matters():
+    page = " ".join((RESULTS / "README.md").read_text().split())
+    table = pl.read_csv(RESULTS.parent / "disturbance" / "tables" / "thresholds.csv")
+    noise = table.filter(condition="action noise 0.1")
+    plain = noise.filter(right="ppo").sort("threshold")
+    assert plain.filter(pl.col("low") > 0)["threshold"].max() == 0.6
+    longer = noise.filter(right="ppo-gamma-0.999")
+    low, high = (longer.filter(threshold=each).row(0, named=True) for each in (0.0, 0.5))
+    words = "{effect:+.2f} [{low:+.2f}, {high:+.2f}]"
+    assert f"from {words.format(**low)} (threshold 0) to {words.format(**high)} (0.5)" in page
 
 
 def test_so_many_runs_of_discounted_ppo_hold_and_fall_when_calm(results):

@@ -64,14 +64,19 @@ class FourCounts:
         return None if None in every else True
 
 
-def four_counts(log: EpisodeLog) -> FourCounts:
-    """Return the four counts of an episode."""
+def four_counts(log: EpisodeLog, start: Episode | None = None) -> FourCounts:
+    """Return the four counts of an episode.
+
+    Args:
+        log: Its log.
+        start: The episode; None: the published one that the log belongs to, if there is one.
+    """
     if log.diverged:
         return FourCounts(stays=False, upright=False, undisturbed=False, soft=False)
     return FourCounts(
         stays=outcomes.stages_stabilizing(log)[-1],
         upright=_targets_upright(log),
-        undisturbed=_others_undisturbed(log),
+        undisturbed=_others_undisturbed(log, start or known_start(log)),
         soft=_soft(log),
     )
 
@@ -102,8 +107,7 @@ def _targets_upright(log: EpisodeLog) -> bool | None:
     return None if None in tilts else True
 
 
-def _others_undisturbed(log: EpisodeLog) -> bool | None:
-    start = known_start(log)
+def _others_undisturbed(log: EpisodeLog, start: Episode | None) -> bool | None:
     if start is None or len(log.final_objects) != len(start.objects):
         return None
     first = len(log.targets)

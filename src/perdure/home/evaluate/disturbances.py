@@ -21,7 +21,7 @@ from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
 from perdure.home.sim.simulator import Simulator
-from perdure.home.tasks.episodes import Episode
+from perdure.home.tasks.episodes import Episode, episode_hash
 from perdure.home.tasks.tasks import AT, Verb, WorldFacts
 from perdure.registry import Registered
 
@@ -55,7 +55,8 @@ class HomeDisturbance:
 
     def effect(self, episode: Episode, eval_seed: int) -> HomeEffect:
         """Return what it does to an episode."""
-        key = [eval_seed, zlib.crc32(f"{self.name} {episode.name}".encode())]
+        # By its content: errands of one home have one name.
+        key = [eval_seed, zlib.crc32(f"{self.name} {episode_hash(episode)}".encode())]
         return self.kind(self.level, episode, np.random.default_rng(key))
 
 

@@ -32,6 +32,7 @@ from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import Skill, SkillProgress, make_skill_goal
 from perdure.home.skills.starts import keep_apart
 from perdure.home.tasks.episodes import Episode, episode_hash, episode_scene, start_pose
+from perdure.home.tasks.errands import Errand
 from perdure.home.tasks.planners import FallbackName, OpenLoop, Planner, find_planner, needed_skills
 from perdure.home.tasks.tasks import NOTHING, SETTLE_STEPS, SOMETHING_ELSE, SkillStep, WorldFacts
 
@@ -124,6 +125,7 @@ class Recorder:
             releases=history.releases,
             final_objects=final_objects,
             history=history,
+            drawn=episode.home_task,
             **run,  # type: ignore[arg-type]
         )
 
@@ -272,6 +274,13 @@ class Executor:
 
     def run(self, episodes: Sequence[Episode], observe: StepObserver | None = None) -> Iterator[EpisodeLog]:
         """Yield the log of each episode as soon as it has ended, so not always in order."""
+        for log, _ in self.run_to_end(episodes, observe):
+            yield log
+
+    def run_to_end(
+        self, episodes: Sequence[Episode], observe: StepObserver | None = None
+    ) -> Iterator[tuple[EpisodeLog, Simulator]]:
+        """Yield also the simulator as an episode left it; the next one may be run in it."""
         options = self._options
         for task in {each.home_task for each in episodes}:
             if missing := set(needed_skills(task, options.planner)) - self._skills.keys():
@@ -292,7 +301,7 @@ class Executor:
                     observe(world, running)
                 for lane, each in over.items():
                     last = () if each.recorder.diverged else final_objects(world.simulator(lane))
-                    yield each.recorder.log(each.step, last, **self._named)
+                    yield each.recorder.log(each.step, last, **self._named), world.simulator(lane)
                     del running[lane]
                     if waiting:
                         running[lane] = self._start(world, lane, waiting.pop())
@@ -318,7 +327,10 @@ class Executor:
 
     def _start(self, world: VectorSimulator, lane: int, episode: Episode) -> Running:
         scene = episode_scene(episode, self._options.scene)
-        world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
+        if isinstance(episode, Errand):
+            world.reset(lane, scene, episode.base, episode.arm, episode.positions)
+        else:
+            world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
         planner = find_planner(self._options.planner)(episode, self._options.fallback)
         effects = [disturbance.effect(episode, self._options.eval_seed) for disturbance in self._options.disturb]
         each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene), effects=effects)

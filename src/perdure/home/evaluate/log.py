@@ -265,6 +265,8 @@ class EpisodeLog:
     """What `perdure home analyze --names` calls its file; files do not keep it."""
     history: History | None = field(default=None, repr=False)
     """Every pose at every step; files do not keep it."""
+    drawn: HomeTask | None = field(default=None, repr=False)
+    """The task as its episode has it, with the stages of an errand; None: as declared. Files do not keep it."""
 
     def __post_init__(self) -> None:
         for wrong in (*self._wrong_lengths(), *self._wrong_events(), *self._wrong_parts()):
@@ -329,7 +331,7 @@ class EpisodeLog:
     @property
     def home_task(self) -> HomeTask:
         """The task it belongs to."""
-        return get_task(self.task)
+        return self.drawn or get_task(self.task)
 
     @cached_property
     def _event_steps(self) -> list[int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
@@ -129,19 +129,36 @@ class EpisodeBlock:
 
 
 def episode_blocks(protocol: EvaluationProtocol, store: Store) -> Iterator[EpisodeBlock]:
-    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy.
-
-    A finished block stays as it is: with fewer or more episodes than before none is run twice.
-    """
+    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
     for eval_seed, train_seed in product(range(protocol.eval_seeds), range(protocol.train_seeds)):
-        first = 0
-        while first < protocol.episodes:
-            end = first - first % BLOCK + BLOCK
-            choices = [EpisodeBlock(train_seed, eval_seed, first, last) for last in range(first, end)]
-            usual = choices[min(end, protocol.episodes) - first - 1]
-            block = next((each for each in choices if store.done(each.key(protocol))), usual)
-            yield block
-            first = block.last + 1
+        yield from _blocks_of(protocol, store, train_seed, eval_seed)
+
+
+def _blocks_of(protocol: EvaluationProtocol, store: Store, train_seed: int, eval_seed: int) -> Iterator[EpisodeBlock]:
+    def finished(first: int, last: int) -> bool:
+        return store.done(EpisodeBlock(train_seed, eval_seed, first, last).key(protocol))
+
+    for first, last in block_spans(protocol.episodes, BLOCK, finished):
+        yield EpisodeBlock(train_seed, eval_seed, first, last)
+
+
+def block_spans(count: int, size: int, done: Callable[[int, int], bool]) -> Iterator[tuple[int, int]]:
+    """Yield the first and last number of each block of `size` among `count` numbers.
+
+    A finished block stays as it is: with a smaller or larger count than before nothing is run twice.
+
+    Args:
+        count: How many numbers there are, from 0.
+        size: Numbers in a block.
+        done: Whether a block of this first and last number is finished.
+    """
+    first = 0
+    while first < count:
+        end = first - first % size + size
+        usual = min(end, count) - 1
+        last = next((each for each in range(first, end) if done(first, each)), usual)
+        yield first, last
+        first = last + 1
 
 
 def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> Iterator[Unit]:
@@ -151,14 +168,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
         PerdureError: If a policy is missing.
     """
     policies = {seed: protocol.policies_of(seed) for seed in range(protocol.train_seeds)}
-    seen: dict[str, int] = {}
-    for seed, acting in policies.items():
-        same = seen.setdefault(json.dumps(_digests(acting), sort_keys=True), seed)
-        if same != seed:
-            raise PerdureError(
-                f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
-                "--train-seeds 1"
-            )
+    check_distinct_seeds({seed: policy_digests(acting) for seed, acting in policies.items()})
     for block in episode_blocks(protocol, store):
         acting = policies[block.train_seed]
         arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
@@ -166,6 +176,18 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
         size = float(block.last - block.first + 1)
         cores = len(os.sched_getaffinity(0))
         yield Unit(block.key(protocol), config, f"{__name__}:run_block", arguments, size=size, cores=cores)
+
+
+def check_distinct_seeds(digests: Mapping[int, Any]) -> None:
+    """PerdureError if two training seeds have the same digests of policies (JSON)."""
+    seen: dict[str, int] = {}
+    for seed, acting in digests.items():
+        same = seen.setdefault(json.dumps(acting, sort_keys=True), seed)
+        if same != seed:
+            raise PerdureError(
+                f"training seeds {same} and {seed} have the same policies: name files with {{seed}} in them, or use "
+                "--train-seeds 1"
+            )
 
 
 def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol:
@@ -210,12 +232,20 @@ def run_block(
 
 def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
     """Return everything that the logs of a block depend on."""
-    scene = protocol.options.scene
     return {
-        **{name: getattr(protocol, name) for name in ("task", "split", "place")},
+        "task": protocol.task,
         **{name: getattr(block, name) for name in ("train_seed", "eval_seed")},
         "episodes": [block.first, block.last],
-        "policies": _digests(policies),
+        "policies": policy_digests(policies),
+        **run_config(protocol),
+    }
+
+
+def run_config(protocol: EvaluationProtocol) -> dict[str, Any]:
+    """Return what the logs of a protocol depend on beside task, episodes, seeds and policies."""
+    scene = protocol.options.scene
+    return {
+        **{name: getattr(protocol, name) for name in ("split", "place")},
         **{each.name: getattr(scene, each.name) for each in fields(WorldOptions)},
         **scene.unusual,
         "settle_steps": protocol.options.settle_steps,
@@ -226,7 +256,8 @@ def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policie
     }
 
 
-def _digests(policies: Policies) -> dict[SkillName, str]:
+def policy_digests(policies: Policies) -> dict[SkillName, str]:
+    """Return what identifies the policy of each skill: SHA-256 and clock, or `ORACLE`."""
     return {
         skill: f"{each.sha256}@{each.clock.label}" if each.clock else each.sha256 or ORACLE
         for skill, each in policies.items()

@@ -142,6 +142,8 @@ NAVIGABLE_WITHIN = 1.5
 """Largest horizontal distance in [m] from an object or goal to where the robot can stand (`nav_to_min_distance`)."""
 GAP = 0.005
 """Smallest gap between two objects on a receptacle in [m] (our choice)."""
+UPRIGHT = 0.99
+"""Height of the z axis of an object that stands, lower when it lies or leans."""
 LIFT = 0.001
 """Height above the surface at which an object is put before it settles in [m] (our choice)."""
 
@@ -160,9 +162,11 @@ class Surfaces:
         return np.array([x, y, half_x, half_y, yaw])
 
     def add(self, placement: Placement) -> None:
-        """Add an object to its receptacle."""
-        w, _, _, z = placement.quaternion
+        """Add an object to its receptacle. One that does not stand upright takes a square of its longest side."""
+        w, x, y, z = placement.quaternion
         shape = self.footprint(placement.kind, *placement.position[:2], 2.0 * math.atan2(z, w))
+        if 1.0 - 2.0 * (x * x + y * y) < UPRIGHT:
+            shape[2:4] = max(get_kind(placement.kind).half)
         self.taken.setdefault(placement.receptacle, []).append(shape)
 
     def draw(

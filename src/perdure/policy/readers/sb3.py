@@ -185,7 +185,7 @@ class Sb3Settings:
     """Whether the file would show a VecNormalize: models of PPO, A2C, TRPO and ARS that were trained do."""
     seed: int | None
     steps: int | None
-    """Environment steps trained."""
+    """Environment steps trained, those of earlier trainings included where the file shows them."""
 
 
 def read_settings(data: bytes, what: str) -> Sb3Settings:
@@ -219,8 +219,24 @@ def read_settings(data: bytes, what: str) -> Sb3Settings:
         behind_vecnormalize=shows and values.get("_last_original_obs") is not None,
         shows_vecnormalize=shows and values.get("_last_obs") is not None,
         seed=_whole(values.get("seed")),
-        steps=_whole(values.get("num_timesteps")),
+        steps=_trained_steps(values),
     )
+
+
+def _trained_steps(values: dict[str, Any]) -> int | None:
+    """Return the environment steps of all trainings: `learn` begins to count anew when a model is trained further.
+
+    The number of updates goes on. An on-policy learner makes `n_epochs` of them for each rollout, or fewer with a
+    limit on the divergence.
+    """
+    steps = _whole(values.get("num_timesteps"))
+    rollout = _whole(values.get("n_steps"))
+    updates = _whole(values.get("_n_updates"))
+    if not (steps and rollout and updates):
+        return steps
+    environments = _whole(values.get("n_envs")) or 1
+    epochs = _whole(values.get("n_epochs")) or 1
+    return max(steps, updates // epochs * rollout * environments)
 
 
 def _squash(values: dict[str, Any], module: str, what: str) -> TanhSquash | None:

@@ -26,9 +26,8 @@ def episodes(task):
 class Story:
     """A world whose state is set by hand; `wait` makes it pass."""
 
-    def __init__(self, task="prepare_groceries", index=0, eval_seed=0):
-        self.episode, self.eval_seed = episodes(task)[index], eval_seed
-        self.plan = [(step.skill, step.target) for step in make_plan(self.episode.home_task)]
+    def __init__(self, task="prepare_groceries", index=0, eval_seed=0, episode=None):
+        self.episode, self.eval_seed = episode or episodes(task)[index], eval_seed
         self.attempts = Counter()
         self.goals = self.episode.goal_positions
         targets = len(self.goals)
@@ -40,6 +39,10 @@ class Story:
         self.force, self.diverged = 0.0, False
         self.touched = np.zeros(targets, dtype=bool)
         self.rows, self.runs = [], []
+
+    @property
+    def plan(self):
+        return [(step.skill, step.target) for step in make_plan(self.episode.home_task)]
 
     def wait(self, steps=1, speed=None):
         """Lets steps pass; `speed` of all objects, from their motion when None."""

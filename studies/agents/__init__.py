@@ -1,0 +1,1 @@
+"""Do published agents hold, and do they after the cure?"""
