@@ -8,6 +8,7 @@ from dataclasses import fields
 from itertools import groupby
 
 from perdure.home.sim.robot import ROBOT
+from perdure.home.sim.scene import WorldOptions
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
 from perdure.home.skills.registry import env_id
 from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
@@ -74,9 +75,10 @@ def _series(element: Element) -> tuple[str, str, float, float]:
 
 
 def _actions(skill: Skill) -> Iterable[tuple[str, str]]:
+    base_speed = min(skill.base_speed, WorldOptions.base_speed)
     effects = [
-        ("forward", f"speed of the base; 1 is {skill.base_speed:g} m/s"),
-        ("turn", f"turning speed to the left; 1 is {skill.base_speed:g} rad/s"),
+        ("forward", f"speed of the base; 1 is {base_speed:g} m/s"),
+        ("turn", f"turning speed to the left; 1 is {base_speed:g} rad/s"),
         *((joint, f"change of the servo target; 1 is {skill.arm_step:g} rad per step") for joint in ROBOT.arm_names),
         ("grip", skill.grip_text),
     ]

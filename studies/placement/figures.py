@@ -11,7 +11,7 @@ import polars as pl
 from perdure.home.evaluate.analysis import outcome_shares
 from perdure.home.evaluate.comparison import describe, make_views
 from perdure.home.evaluate.figures import outcome_figure, shape_figure, stage_figure
-from perdure.home.evaluate.strategy import Strategy
+from perdure.home.evaluate.strategy import CALM, Strategy
 from perdure.home.sim.scene import LEVERS
 from perdure.report import wording
 from perdure.report.charts import Axis, Curve, Figure, curve_chart, slug, style
@@ -35,7 +35,9 @@ def draw_figures(tables: Tables) -> Iterator[Figure]:
         wanted = pl.DataFrame([{"split": split, **asdict(strategy)} for strategy in shown])
         keys = ("split", *SETTING)
         here = {
-            name: tables[name].join(wanted, on=keys, how="semi", maintain_order="left").with_columns(label=pl.lit(""))
+            name: tables[name]
+            .join(wanted, on=keys, how="semi", maintain_order="left")
+            .with_columns(label=pl.lit(""), disturbance=pl.lit(CALM))
             for name in names
         }
         for view in make_views({**here, "outcomes": outcome_shares(here["outcomes"])}):

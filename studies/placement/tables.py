@@ -26,7 +26,7 @@ Tables = dict[str, pl.DataFrame]
 """Tables by name. Each row says what was run in the columns of `Strategy`, without the label of `--names`."""
 Row = dict[str, Any]
 BOUNDS = ("estimate", "lower", "upper")
-SETTING = tuple(name for name in STRATEGY_COLUMNS if name != "label")
+SETTING = tuple(name for name in STRATEGY_COLUMNS if name not in ("disturbance", "label"))
 """Columns that say what was run: release strategy, world, planner, fallback."""
 KEYS = ("task", "split", *SETTING)
 _KEYS = dict.fromkeys(KEYS, pl.String)

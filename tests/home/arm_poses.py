@@ -26,7 +26,7 @@ def reach(position, start=ROBOT.rest_arm, rotation=None, approach=None):
             arm, way, turn = kinematics.reach(position, np.asarray(rotation), begin)
         elif approach is not None:
             direction = np.asarray(approach) / np.linalg.norm(approach)
-            arms, ways, turns = kinematics.reach_many(position[None], direction[None], False, begin, 200)
+            arms, ways, turns = kinematics.reach_many(position[None], direction[None], None, begin, 200)
             arm, way, turn = arms[0], ways[0], turns[0]
         else:
             arm, turn = begin, 0.0

@@ -348,6 +348,8 @@ def run(
 
     check_folder(out)
     protocol = runs.protocol(task, runs.episodes)
+    for flags, skills in protocol.trained_otherwise().items():
+        print(f"trained with other physics ({flags}): {', '.join(skills)}", file=sys.stderr)
     with show_progress(f"{task} {protocol.place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
     _compare(paths, out / protocol.folder, command, {}, ("png",))

@@ -49,6 +49,12 @@ def _release_strategies(default: str) -> str:
     return _listed(ReleaseStrategy.kinds(), default)
 
 
+def _disturbances(default: str) -> str:
+    from perdure.home.evaluate.disturbances import HomeEffect
+
+    return _listed(HomeEffect.kinds(), "none")
+
+
 # The vocabularies are imported when a help text is printed: other packages may add to them.
 PlannerName = Annotated[str, tyro.conf.arg(help="Which skill is next in an episode.", help_behavior_hint=_planners)]
 Place = Annotated[str, tyro.conf.arg(help_behavior_hint=_release_strategies)]
@@ -58,6 +64,10 @@ Fallback = Annotated[
         help="With --planner closed, who acts once a skill has failed three times. oracle: the scripted oracle. none: "
         "the policy again; after five attempts the target is given up and the plan goes on."
     ),
+]
+Disturb = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(help="Disturbances that act together, such as bump:0.1.", help_behavior_hint=_disturbances),
 ]
 World = Annotated[WorldOptions, tyro.conf.OmitArgPrefixes]
 
@@ -81,13 +91,16 @@ class RunOptions:
     fallback: Fallback = "oracle"
     world: World = WorldOptions()  # noqa: RUF009 - frozen
     """The variant of the physics."""
+    disturb: Disturb = ()
 
     def protocol(self, task: str, episodes: int) -> EvaluationProtocol:
         """Return the protocol of a task."""
+        from perdure.home.evaluate.disturbances import parse_home_disturbances
         from perdure.home.evaluate.execute import ExecutorOptions
         from perdure.home.evaluate.protocol import EvaluationProtocol
 
         scene = SceneOptions(**vars(self.world))
+        disturb = parse_home_disturbances(self.disturb)
         return EvaluationProtocol(
             task,
             self.place,
@@ -96,7 +109,7 @@ class RunOptions:
             self.train_seeds,
             self.eval_seeds,
             policies=parse_policies(self.policies),
-            options=ExecutorOptions(scene=scene, planner=self.planner, fallback=self.fallback),
+            options=ExecutorOptions(scene=scene, planner=self.planner, fallback=self.fallback, disturb=disturb),
         )
 
 

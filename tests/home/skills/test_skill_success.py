@@ -157,12 +157,24 @@ def test_navigate_goes_on_until_it_says_stop(speed):
     assert skill.failure(silent, course(skill, silent))[0] == 0
 
 
-def test_the_executor_ends_a_navigation_that_is_stuck():
+def test_the_executor_ends_a_navigation_that_gets_nowhere():
+    """One that rocks to and fro for three seconds, however fast; not one that drives away or turns on the spot."""
     skill = Navigate()
-    stands, drives = (change(ARRIVED, stopped=False, base_velocity=[v, 0.0, 0.0]) for v in (0.04, 0.4))
-    for states, stuck in (([stands] * 45, True), ([stands] * 44, False), ([stands] * 44 + [drives], False)):
-        assert skill.stop(states[-1], course(skill, *states))[0] == stuck
-        assert skill.failure(states[-1], course(skill, *states))[0] == 0, "in training it goes on"
+
+    def course_of(pose):
+        moments = [state(base=np.array(pose(step)), base_velocity=np.array([0.5, 0.0, 2.0])) for step in range(200)]
+        progress = skill.begin(moments[0])
+        for step, moment in enumerate(moments[1:], 2):
+            progress = skill.advance(progress, moment)
+            if skill.stop(moment, progress)[0]:
+                assert skill.failure(moment, progress)[0] == 0, "in training it goes on"
+                return step
+        return None
+
+    assert course_of(lambda step: (0.0, 0.0, 0.0)) == 90
+    assert course_of(lambda step: (0.05 * np.sin(step), 0.03 * np.cos(step), 3.1 + 0.35 * np.sin(step))) == 90
+    assert course_of(lambda step: (0.004 * step, 0.0, 0.0)) is None
+    assert course_of(lambda step: (0.0, 0.0, 0.03 * step)) is None
 
 
 def test_the_map_stops_navigation_unless_somebody_knows_better():

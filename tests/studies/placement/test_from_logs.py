@@ -89,7 +89,7 @@ def test_the_new_rows_tell_what_the_episode_did(after):
     success = after["success"].filter(**SUBJECT).row(0, named=True)
     assert (success["episodes"], success["train_seeds"]) == (1, 1)
     placed = after["kinds"].filter(**SUBJECT)["placements"].sum()
-    assert placed == after["hand-overs"].filter(**SUBJECT)["count"].sum() > 0
+    assert 0 < placed <= after["hand-overs"].filter(**SUBJECT)["count"].sum()  # an object may be placed again
     stages = after["stages"].filter(**SUBJECT, counting="latched")
     assert stages["mean"][-1] == success["latched mean"]
     assert after["outcomes"].filter(**SUBJECT)["count"].sum() == 1

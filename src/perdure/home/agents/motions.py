@@ -40,6 +40,7 @@ class View(LaneView):
     world: VectorSimulator
     number: int
     base_speed: float
+    """Speed of a base action of 1 in [m/s] and [rad/s]."""
 
     @property
     def simulator(self) -> Simulator:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.kinematics import gripper_pose, reach_many
+from perdure.home.sim.kinematics import about_z, gripper_in_room, reach_many
 from perdure.home.sim.occupancy import FreeSpace
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
@@ -56,10 +56,11 @@ class CollisionQuery:
         robot[ROBOT.torso_column] = ROBOT.torso_height
         robot[ROBOT.arm_columns] = arm
         if self._held >= 0:
-            position, rotation = gripper_in_room(base, np.asarray(arm, dtype=np.float64))
+            position, axes = gripper_in_room(base, np.asarray(arm, dtype=np.float64))
+            hand = self.simulator.hand
             address = scene.object_qpos[self._held]
-            data.qpos[address : address + 3] = position
-            self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], rotation.ravel())
+            data.qpos[address : address + 3] = position + axes @ hand.offset
+            self._mujoco.mju_mat2Quat(data.qpos[address + 3 : address + 7], (axes @ hand.turn).ravel())
         self._mujoco.mj_kinematics(self.simulator.model, data)
         self._mujoco.mj_collision(self.simulator.model, data)
         return self._deepest(firm)
@@ -93,15 +94,6 @@ class CollisionQuery:
         return max(self.depth(base, first + share * (last - first), firm) for share in np.linspace(0.0, 1.0, points))
 
 
-def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
-    position, rotation = gripper_pose(ROBOT.torso_height, arm)
-    cos = np.cos(base.yaw)
-    sin = np.sin(base.yaw)
-    about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return base.to_room(position), about_z @ rotation
-
-
 DEPTH_COST = 1e4
 """Cost of a meter of penetration in control steps."""
 FARTHEST = 1.2
@@ -133,8 +125,8 @@ class GripperGoal:
     """Gripper point in the room. Shape (3,)."""
     approach: FloatArray
     """Direction of the gripper's x axis in the room. Shape (3,)."""
-    upright: bool
-    """Whether its z axis must point up (then the approach must be level)."""
+    axes: FloatArray | None
+    """Its axes in the room, one per column; None when the roll about x is free. Shape (3, 3)."""
     before: FloatArray
     """Displacement from `point` to the pre-grasp point, in the room. Shape (3,)."""
     back: float = 0.0
@@ -175,7 +167,7 @@ def plan_reach(
 ) -> ReachPlan | None:
     """Return the fastest collision-free plan to a gripper goal, else the plan with the least cost.
 
-    None when no standing place lets the arm reach. The gripper goals must all be upright or none; `firm` is an object
+    None when no standing place lets the arm reach. The gripper goals must all have axes or none; `firm` is an object
     that must not be pushed aside. The quickest `checks` plans are tested for collisions.
     """
     most = np.inf
@@ -292,12 +284,14 @@ def _reachable(query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Seq
     vias = np.array([s.to_local(w.point + w.before) for s, w in pairs])
     approach = np.array([Pose(0.0, 0.0, -s.yaw).to_room(w.approach) for s, w in pairs])
 
-    # Of the arm's ways to hold its hand level the one nearest to rest need not be the one that is found from rest.
-    upright = pairs[0][1].upright
+    # Of the arm's ways to hold its hand in given axes the one nearest to rest need not be the one found from rest.
+    axes: FloatArray | None = None
     starts = ROBOT.rest_arm[None]
     most_turn = 0.3
-    if upright:
+    if pairs[0][1].axes is not None:
+        axes = np.array([about_z(-s.yaw) @ w.axes for s, w in pairs if w.axes is not None])
         starts = np.concatenate([starts, ROBOT.other_arms])
+        axes = np.tile(axes, (len(starts), 1, 1))
         most_turn = 0.05
     first = np.repeat(starts, len(pairs), axis=0)
     pairs = pairs * len(starts)
@@ -306,11 +300,13 @@ def _reachable(query: CollisionQuery, stands: Sequence[Pose], gripper_goals: Seq
     approach = np.tile(approach, (len(starts), 1))
 
     # The last pose first, then from it the one before.
-    end, way, turn = reach_many(points, approach, upright, first)
+    end, way, turn = reach_many(points, approach, axes, first)
     rows = np.nonzero((way < CLOSE) & (turn < most_turn))[0]
     if not len(rows):
         return []
-    via, via_way, _ = reach_many(vias[rows], approach[rows], upright, end[rows], iterations=12)
+    if axes is not None:
+        axes = axes[rows]
+    via, via_way, _ = reach_many(vias[rows], approach[rows], axes, end[rows], iterations=12)
 
     now = query.simulator.robot
     found = []

@@ -49,6 +49,8 @@ NOT_ABOVE = "not above the goal"
 class HandOverView(LaneView):
     """One lane during its hand-over."""
 
+    base_speed: float = BASE_SPEED
+    """Speed of a base action of 1 in [m/s] and [rad/s]."""
     outcome: str = "done"
     """Outcome: "done", or the reason for a fall-back."""
     frozen: Pose = field(init=False)
@@ -130,8 +132,10 @@ class HandOver:
             for row, action in zip(map(int, free), wanted, strict=True):
                 out_of_time = progress.elapsed[row] >= skill.limit
                 if state.holds_target[row] and (action[ROBOT.action.grip] < 0.0 or out_of_time):
-                    view = self._views[int(lanes[row])] = HandOverView(state[row : row + 1])
-                    self._motions[int(lanes[row])] = self.strategy.motion(view)
+                    lane = int(lanes[row])
+                    view = HandOverView(state[row : row + 1], world.simulator(lane).base_speed(skill.base_speed))
+                    self._views[lane] = view
+                    self._motions[lane] = self.strategy.motion(view)
                 else:
                     actions[row] = action
         for row, lane in enumerate(map(int, lanes)):
@@ -166,7 +170,7 @@ def hold_base(view: HandOverView, arm: FloatArray | None = None) -> FloatArray:
     """
     action = np.zeros(ROBOT.action_size)
     for part, error in zip((ROBOT.action.forward, ROBOT.action.turn), view.base_error, strict=True):
-        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / BASE_SPEED
+        action[part] = np.clip(RETURN_RATE * error, -RETURN_SPEED, RETURN_SPEED) / view.base_speed
     if arm is not None:
         action[ROBOT.action.arm] = np.clip(arm / ARM_STEP, -1.0, 1.0)
     return action

@@ -31,13 +31,15 @@ from perdure.home.agents.motions import (
 from perdure.home.agents.reach_plans import CollisionQuery, GripperGoal, ReachPlan, ahead, around, plan_from
 from perdure.home.sim import occupancy
 from perdure.home.sim.arrays import FloatArray, IntArray
+from perdure.home.sim.hand import GRASP_RADIUS
+from perdure.home.sim.kinematics import about_z
 from perdure.home.sim.objects import get_kind
 from perdure.home.sim.occupancy import apartment_footprints, free_space
 from perdure.home.sim.pieces import Apartment, Pose
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.scene import CONTROL_HZ
 from perdure.home.sim.sensors import PrivilegedState, SkillGoal
-from perdure.home.sim.simulator import GRASP, GRASP_RADIUS, RELEASE
+from perdure.home.sim.simulator import GRASP, RELEASE
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills import SKILLS, Skill, SkillProgress
 from perdure.home.skills.articulated import Articulated
@@ -50,6 +52,8 @@ NEIGHBOR_GAP = 0.02
 """Margin in [m] by which other objects and handles must be farther from the gripper point than the target."""
 SLOPES = (np.radians(60.0), np.radians(90.0), np.radians(35.0), np.radians(0.0))
 """Downward angles of the gripper on open surfaces, in [rad]."""
+LOW = np.radians(40.0)
+"""Largest downward angle in [rad] at which it takes what it will place behind a door: it holds it alike there."""
 INSIDE_SLOPES = (np.radians(15.0), np.radians(0.0), np.radians(35.0), np.radians(55.0))
 """The same behind a door, as in a fridge."""
 LIFT = 0.08
@@ -90,7 +94,7 @@ def pick_gripper_goals(point: FloatArray, origin: FloatArray, neighbors: FloatAr
         approach = _direction(point, origin, slope, turn)
         spot = point - standoff * approach
         if _is_nearest(spot, standoff, neighbors):
-            gripper_goals.append(GripperGoal(spot, approach, False, before, back))
+            gripper_goals.append(GripperGoal(spot, approach, None, before, back))
     return gripper_goals
 
 
@@ -103,7 +107,7 @@ def goals_aside(point: FloatArray, origin: FloatArray, neighbors: FloatArray) ->
         for across, up in ((1.0, 0.0), (-1.0, 0.0), (0.7, 0.7), (-0.7, 0.7), (0.0, 1.0)):
             spot = point + ASIDE * (across * left + np.array([0.0, 0.0, up]))
             if _is_nearest(spot, ASIDE, neighbors):
-                gripper_goals.append(GripperGoal(spot, approach, False, np.zeros(3), GRASP_BACK))
+                gripper_goals.append(GripperGoal(spot, approach, None, np.zeros(3), GRASP_BACK))
     return gripper_goals
 
 
@@ -119,15 +123,19 @@ def handle_gripper_goals(point: FloatArray, origin: FloatArray, sides: Sequence[
     """
     slopes = (np.radians(20.0), np.radians(50.0), np.radians(0.0))
     return [
-        GripperGoal(point + 0.09 * side, _direction(point, origin, slope, turn), False, 0.05 * side)
+        GripperGoal(point + 0.09 * side, _direction(point, origin, slope, turn), None, 0.05 * side)
         for side, slope, turn in product(sides, slopes, GRASP_TURNS)
     ]
 
 
-def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, inside: bool) -> list[GripperGoal]:
-    """Return level poses that hold the object upright, `height` in [m] above the goal of its middle, shape (3,).
+def place_gripper_goals(
+    point: FloatArray, origin: FloatArray, half: float, offset: FloatArray, turn: FloatArray, inside: bool
+) -> list[GripperGoal]:
+    """Return poses that hold an object upright, a little above the goal of its middle, shape (3,).
 
-    The robot comes from `origin` on the floor, shape (2,). `inside`: whether the goal is behind a door.
+    The robot comes from `origin` on the floor, shape (2,). The object is `half` of its height above what it will stand
+    on; `offset` (3,) and `turn` (3, 3) are how the hand holds it, see `Hand`. `inside`: whether the goal is behind a
+    door.
     """
     backs: tuple[float, ...] = (0.0, GRASP_BACK)
     higher: tuple[float, ...] = (0.0,)
@@ -137,10 +145,20 @@ def place_gripper_goals(point: FloatArray, origin: FloatArray, height: float, in
         higher = (0.0, 0.03)
         lifts = (0.02,)
     up = np.array([0.0, 0.0, 1.0])
-    return [
-        GripperGoal(point + (height + more) * up, _direction(point, origin, 0.0, turn), True, lift * up, back)
-        for turn, back, more, lift in product(PLACE_TURNS, backs, higher, lifts)
-    ]
+
+    # With the object upright the hand may still turn about the vertical. It comes from the robot's side: forward is its
+    # x axis, or its z axis where it points down.
+    axes = turn.T
+    ahead = axes[:, 0] + axes[:, 2]
+    facing = np.arctan2(point[1] - origin[1], point[0] - origin[0]) - np.arctan2(ahead[1], ahead[0])
+    lowest = min(WRIST[0] * axes[2, 0] - WRIST[1], FINGERS[0] * axes[2, 0] - FINGERS[1])
+    found = []
+    for about, back, more, lift in product(PLACE_TURNS, backs, higher, lifts):
+        held = about_z(facing + about) @ axes
+        height = max(HEIGHT, HAND_GAP - lowest - half + (held @ offset)[2])
+        middle = point + (height + more) * up
+        found.append(GripperGoal(middle - held @ offset, held[:, 0], held, lift * up, back))
+    return found
 
 
 def _direction(point: FloatArray, origin: FloatArray, slope: float, turn: float) -> FloatArray:
@@ -159,7 +177,8 @@ def pick(view: View) -> Motion:
     target = int(view.state.target[0])
     for _ in range(GRASP_ATTEMPTS):
         yield from unjam(view)
-        plan = plan_pick(CollisionQuery(view.simulator), view.state.object[0].copy(), target, view.base)
+        query = CollisionQuery(view.simulator)
+        plan = plan_pick(query, view.state.object[0].copy(), target, view.base, goal=view.state.goal[0])
         if plan is None:
             return
         yield from approach(view, plan, lambda: _can_grasp(view, target))
@@ -180,15 +199,28 @@ def _can_grasp(view: View, target: int) -> bool:
 
 
 def plan_pick(
-    query: CollisionQuery, point: FloatArray, target: int, base: Pose, stands: list[Pose] | None = None
+    query: CollisionQuery,
+    point: FloatArray,
+    target: int,
+    base: Pose,
+    stands: list[Pose] | None = None,
+    goal: FloatArray | None = None,
 ) -> ReachPlan | None:
-    """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach."""
+    """Return where to stand and how to reach an object; `stands` None: what one turn and one drive reach.
+
+    A hand that keeps the object's attitude takes it as it can be placed at its goal, shape (3,).
+    """
     simulator = query.simulator
     neighbors = np.concatenate([np.delete(simulator.middles, target, axis=0), simulator.handles])
     neighbors = neighbors[np.linalg.norm(neighbors - point, axis=1) < 0.5]
     inside = query.is_behind_door(point)
     origin = np.array([base.x, base.y])
     gripper_goals = pick_gripper_goals(point, origin, neighbors, inside)
+    if not inside and goal is not None and simulator.scene.options.grasp == "kept" and query.is_behind_door(goal):
+        level = [each for each in gripper_goals if each.approach[2] >= -np.sin(LOW)]
+        plan = plan_from(query, base, level, point, stands, target)
+        if plan is not None and plan.free:
+            return plan
     firm = target
     if inside:
         firm = -1  # through a door there is but one way in, and the target may give way a little
@@ -333,8 +365,11 @@ def _carry(view: View, link: int, goal: float, enough: float) -> Motion:
 
 HEIGHT = 0.015
 """Height above the goal at which the object is released in [m]."""
-PALM = 0.058
-"""Smallest height of a level hand above a surface in [m]: its wrist extends 5.2 cm down. Flat objects drop the rest."""
+WRIST = (-0.15, 0.052)
+FINGERS = (0.04, 0.03)
+"""Parts of the hand: distance along its x axis from the gripper point, and how far they extend across it, in [m]."""
+HAND_GAP = 0.006
+"""Smallest height of the hand above a surface in [m]. Flat objects drop the rest."""
 STILL = 0.03
 """Speed of the gripper in [m/s] below which it counts as still."""
 
@@ -363,14 +398,21 @@ def plan_place(
     query: CollisionQuery, goal: FloatArray, base: Pose, stands: list[Pose] | None = None
 ) -> ReachPlan | None:
     """Return where to stand and how to bring the held object to its goal."""
-    held = query.simulator.held
-    half = PALM
-    if held >= 0:
-        half = get_kind(query.simulator.scene.placements[held].kind).half[2]
-    height = max(HEIGHT, PALM - half)
+    hand = query.simulator.hand
+    half = WRIST[1]
+    turn = hand.turn
+    if hand.held >= 0:
+        kind = get_kind(query.simulator.scene.placements[hand.held].kind)
+        half = kind.half[2]
+        if kind.axis == "none":  # it lies as well in any attitude
+            turn = np.eye(3)
     origin = np.array([base.x, base.y])
-    gripper_goals = place_gripper_goals(goal, origin, height, query.is_behind_door(goal))
-    return plan_from(query, base, gripper_goals, goal, stands)
+    inside = query.is_behind_door(goal)
+    plan = plan_from(query, base, place_gripper_goals(goal, origin, half, hand.offset, turn, inside), goal, stands)
+    if plan is None:  # a level hand, whatever the attitude of the object
+        level = place_gripper_goals(goal, origin, half, hand.offset, np.eye(3), inside)
+        plan = plan_from(query, base, level, goal, stands)
+    return plan
 
 
 BEST_DISTANCE = 0.72
@@ -437,7 +479,8 @@ def _plan(view: View, skill_goal: SkillGoal, stands: list[Pose]) -> ReachPlan | 
     for stand in stands:
         places = list(ahead(stand, aim, STEPS_AHEAD, (0.0,)))
         if skill_goal.toward == Verb.PICK:
-            plan = plan_pick(query, view.state.object[0].copy(), skill_goal.target, stand, places)
+            goal = np.array(skill_goal.goal)
+            plan = plan_pick(query, view.state.object[0].copy(), skill_goal.target, stand, places, goal)
         elif skill_goal.toward == Verb.PLACE:
             plan = plan_place(query, aim, stand, places)
         else:
@@ -472,7 +515,8 @@ class Oracle(SkillAgent):
 
     def begin(self, world: VectorSimulator, lane: int, skill: Skill) -> None:
         """See `SkillAgent.begin`."""
-        view = View(world.sense(np.array([lane])), world, lane, skill.base_speed)
+        base_speed = world.simulator(lane).base_speed(skill.base_speed)
+        view = View(world.sense(np.array([lane])), world, lane, base_speed)
         self._running[lane] = (view, motion_of(skill, view))
 
     def act(

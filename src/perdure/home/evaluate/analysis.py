@@ -149,6 +149,12 @@ PLACEMENTS: Columns = {
     ),
     "fall": (float, "the same, downwards [m]", lambda at: -float(at.displacement[2])),
     "cause": (str, "failure cause, or stayed", lambda at: at.cause),
+    "touches": (
+        int,
+        "steps in which the hand touched it within two seconds; -1: unknown",
+        lambda at: at.release.touches,
+    ),
+    "pushed": (float, "its way in these steps, in the plane [m]; nan: unknown", lambda at: at.release.pushed),
 }
 
 

@@ -287,7 +287,7 @@ def _run_errands(
         train_seed=train_seed,
     )
     strategy = protocol.first.strategy
-    named = {name: getattr(strategy, name) for name in ("place", "world", "planner", "fallback")}
+    named = {name: getattr(strategy, name) for name in ("place", "world", "planner", "fallback", "disturbance")}
     by_index = {each.errand.index: each for each in asked}
     learned = {skill for skill, each in policies.items() if each.learned}
     for log, lane in executor.run_to_end([each.errand for each in asked]):

@@ -19,11 +19,14 @@ import numpy as np
 from perdure.errors import PerdureError
 from perdure.home.evaluate.counts import TILTED, axis_tilt, four_counts
 from perdure.home.evaluate.log import EpisodeLog
+from perdure.home.evaluate.strategy import CALM, strategy_of
 from perdure.home.sim.arrays import FloatArray
 from perdure.home.sim.occupancy import free_space
 from perdure.home.sim.pieces import LINK_CONTAINERS, Apartment
+from perdure.home.sim.scene import EARLIER, SceneOptions
 from perdure.home.tasks.errands import Errand, HomeState
 from perdure.home.tasks.generation import NAVIGABLE_WITHIN
+from perdure.home.tasks.planners import OpenLoop
 from perdure.home.tasks.tasks import TASKS, Verb
 from perdure.runs import write_atomic
 from perdure.schema import Choice, Flag, Kind, Parquet, Real, Rule, Table, Text, Whole, check_columns, parquet_bytes
@@ -32,7 +35,9 @@ if TYPE_CHECKING:
     import polars as pl
 
 SCHEMA_NAME = "perdure.home.day"
-SCHEMA_VERSION = "1"
+SCHEMA_VERSION = "2"
+EARLIER_VERSION = "1"
+"""Also read; it had no column `disturbance`, and is of the earlier physics."""
 FLOOR = 0.2
 """An object whose middle is lower than this in [m] lies on the floor: the lowest surface is at 0.42 m (our choice)."""
 STANDS = 0.1
@@ -66,6 +71,7 @@ COLUMNS: Mapping[str, DayColumn] = {
     "world": DayColumn(_WORDS, "options that differ from the usual world, in words", key=True),
     "planner": DayColumn(_NAME, "planner", key=True),
     "fallback": DayColumn(_NAME, "who takes over a skill that failed often", key=True),
+    "disturbance": DayColumn(_NAME, "disturbances that acted together; none", key=True),
     "home": DayColumn(_NUMBER, "number of the home: a start that is never reset", key=True),
     "train_seed": DayColumn(Whole(-1), "training seed of the policies; -1: nothing was trained", key=True),
     "eval_seed": DayColumn(Whole(0), "evaluation seed: draws the robot's start pose and all goals", key=True),
@@ -96,7 +102,7 @@ KEY = tuple(name for name, column in COLUMNS.items() if column.key)
 HOME = tuple(name for name in KEY if name != "errand")
 """What identifies the day of a home."""
 COUNTED = ("stays", "upright", "undisturbed", "soft")
-GROUP = ("errands", "split", "place", "world", "planner", "fallback")
+GROUP = ("errands", "split", "place", "world", "planner", "fallback", "disturbance")
 """What the days of a group of homes have in common."""
 HARM = ("on_floor", "tipped", "out_of_reach")
 """What makes a home worse."""
@@ -228,15 +234,29 @@ def read_days(path: str | os.PathLike[str]) -> tuple[pl.DataFrame, dict[str, str
         file = Parquet(path.read_bytes())
         notes = dict(file.notes)
         found = (notes.get("schema"), notes.get("version"))
-        if found != (SCHEMA_NAME, SCHEMA_VERSION):
+        if found not in ((SCHEMA_NAME, SCHEMA_VERSION), (SCHEMA_NAME, EARLIER_VERSION)):
             raise PerdureError(f"its schema is {found}, not {(SCHEMA_NAME, SCHEMA_VERSION)}")
         frame = file.read()
         if notes.pop("sha256", None) != _digest(frame, notes):
             raise PerdureError("it is damaged, its content does not fit its SHA-256")
+        if found[1] == EARLIER_VERSION:
+            frame = _from_earlier(frame)
         check_days(frame, "it")
     except PerdureError as error:
         raise PerdureError(f"{path} cannot be read as a table of days: {error}") from None
     return frame, {name: text for name, text in notes.items() if name not in ("schema", "version")}
+
+
+def _from_earlier(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return a table of version 1 as one of today."""
+    import polars as pl
+
+    if "world" not in frame.columns:
+        return frame  # which is refused
+    earlier = strategy_of("", SceneOptions(**EARLIER), OpenLoop.name, "oracle").world
+    world = pl.when(pl.col("world") == "").then(pl.lit(earlier)).otherwise(pl.col("world") + f", {earlier}")
+    frame = frame.with_columns(world=world, disturbance=pl.lit(CALM))
+    return frame.select([name for name in COLUMNS if name in frame.columns])
 
 
 def check_days(frame: pl.DataFrame, name: str) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from perdure.errors import PerdureError, lookup
 from perdure.home.agents.learned import SkillAgent
 from perdure.home.agents.scripted import Oracle
+from perdure.home.evaluate.disturbances import HomeDisturbance, HomeEffect, home_labels
 from perdure.home.evaluate.log import UNTRAINED, Ending, EpisodeLog, FinalObject, History, SkillRun, Target
 from perdure.home.evaluate.strategy import Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
@@ -56,6 +57,8 @@ class ExecutorOptions:
     """A name of `Planner`."""
     fallback: FallbackName = "oracle"
     """Of planners that have one. "oracle" takes over a skill that failed often; "none": its target is given up."""
+    disturb: tuple[HomeDisturbance, ...] = ()
+    """Disturbances that act together."""
 
     def __post_init__(self) -> None:
         """Refuse unknown names, too few lanes, threads or settling steps, a low physics rate, chosen targets."""
@@ -76,7 +79,7 @@ class ExecutorOptions:
 
     def strategy(self, place: str) -> Strategy:
         """Return what is run with these options and a release strategy."""
-        return strategy_of(place, self.scene, self.planner, self.fallback)
+        return strategy_of(place, self.scene, self.planner, self.fallback, home_labels(self.disturb))
 
 
 @dataclass
@@ -128,10 +131,10 @@ class Recorder:
 
     def _history(self, length: int) -> History:
         rows = zip(*self.rows[:length], strict=True)
-        objects, held, positions, up, speed, gripper, base, force = map(np.array, rows)
+        objects, held, positions, up, speed, gripper, base, force, touched = map(np.array, rows)
         containers = dict(zip(CONTAINERS, positions.T, strict=True))
         facts = WorldFacts(objects, self.episode.goal_positions, held, containers)
-        return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ))
+        return History(facts, up, speed, gripper, base, force, float(CONTROL_HZ), touched)
 
 
 def final_objects(lane: Simulator) -> tuple[FinalObject, ...]:
@@ -180,6 +183,8 @@ class Running:
     """Step at which the current skill began."""
     settling: int = 0
     """Steps of the settling time so far."""
+    effects: Sequence[HomeEffect] = ()
+    """What disturbances do."""
     stood: defaultdict[tuple[str, int], list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     """Where the attempts of each skill and target began, and where they or a navigation failed, x and y in [m]."""
 
@@ -191,10 +196,34 @@ class Running:
         return lane.middles[:targets], held_target(lane, targets), positions
 
     def facts(self, world: VectorSimulator, lane: int) -> WorldFacts:
-        """Return the facts of now."""
+        """Return the facts of now as the robot perceives them."""
         objects, held, positions = self.read(world.simulator(lane))
         containers = {name: np.array(position) for name, position in zip(CONTAINERS, positions, strict=True)}
-        return WorldFacts(objects, self.episode.goal_positions, np.array(held), containers)
+        facts = WorldFacts(objects, self.episode.goal_positions, np.array(held), containers)
+        for effect in self.effects:
+            facts = effect.perceive_facts(facts)
+        return facts
+
+
+def perceived(state: PrivilegedState, lanes: IntArray, running: Mapping[int, Running]) -> PrivilegedState:
+    """Return the state of lanes as their robots perceive it."""
+    for row, lane in enumerate(lanes.tolist()):
+        for effect in running[lane].effects:
+            rows = np.array([row])
+            state = state.put(rows, effect.perceive_state(state[rows]))
+    return state
+
+
+def disturbed(
+    world: VectorSimulator, state: PrivilegedState, lanes: IntArray, running: Mapping[int, Running]
+) -> PrivilegedState:
+    """Disturb the homes of lanes after a control step; return the state as their robots perceive it then."""
+    effects = [(lane, effect) for lane in lanes.tolist() for effect in running[lane].effects]
+    if not effects:
+        return state
+    for lane, effect in effects:
+        effect.after_step(world.simulator(lane))
+    return perceived(world.sense(lanes), lanes, running)
 
 
 StepObserver = Callable[[VectorSimulator, Mapping[int, Running]], None]
@@ -303,7 +332,8 @@ class Executor:
         else:
             world.reset(lane, scene, start_pose(scene.apartment, episode, self._options.eval_seed))
         planner = find_planner(self._options.planner)(episode, self._options.fallback)
-        each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene))
+        effects = [disturbance.effect(episode, self._options.eval_seed) for disturbance in self._options.disturb]
+        each = Running(episode, planner, Recorder(episode), container_numbers(episode, scene), effects=effects)
         each.current = planner.next(each.facts(world, lane))
         return each
 
@@ -316,7 +346,7 @@ class Executor:
             each.began = each.step
         for (name, scripted), group in self._groups(lanes, running).items():
             skill = self._skills[name]
-            fresh = skill.begin(world.sense(group))
+            fresh = skill.begin(perceived(world.sense(group), group, running))
             if self._progress is None or len(self._progress) != world.num_lanes:
                 self._progress = fresh[np.zeros(world.num_lanes, dtype=np.int64)]
             self._progress = self._progress.put(group, fresh)
@@ -328,6 +358,8 @@ class Executor:
         """Return the goal of a step; a navigation to a further attempt ends away from where the earlier ones stood."""
         episode = each.planner.seen(each.facts(world, lane), step)
         goal = make_skill_goal(episode, step, world.simulator(lane))
+        for effect in each.effects:
+            goal = effect.perceive_goal(goal)
         stood = each.stood[step.toward or step.skill, step.target]
         if step.toward is None:
             stood.append(world.sense(np.array([lane])).base[0, :2].copy())
@@ -351,7 +383,7 @@ class Executor:
                 skill = self._skills[name[0]]
                 scan_reach[rows[name]] = skill.scan_reach
                 neighbors[rows[name]] = skill.needs_neighbors
-        known = world.sense(lanes, scan_reach, neighbors)
+        known = perceived(world.sense(lanes, scan_reach, neighbors), lanes, running)
 
         # Act. A lane in its settling time stands still.
         actions = np.zeros((world.num_lanes, ROBOT.action_size))
@@ -370,6 +402,7 @@ class Executor:
         # Record the step, and go on to the next skills.
         after = world.sense(lanes)
         self._record(world, lanes, running, after)
+        after = disturbed(world, after, lanes, running)
         for name, group in groups.items():
             self._end_skills(world, name, group, after[rows[name]], running)
 
@@ -453,7 +486,8 @@ class Executor:
             poses, velocities = simulator.objects(len(objects))
             up = 1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
             speed = np.sqrt((velocities**2).sum(axis=1))
-            robot = (state.gripper[row], state.base[row], state.contact_force[row])
+            touched = simulator.touched(len(objects))
+            robot = (state.gripper[row], state.base[row], state.contact_force[row], touched)
             each.recorder.rows.append((objects, held, positions, up, speed, *robot))
             each.recorder.diverged |= bool(state.diverged[row])
             if each.current is not None:

@@ -10,8 +10,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
+import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from itertools import product
@@ -21,10 +24,10 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import numpy as np
 
 from perdure.errors import PerdureError
-from perdure.home.evaluate.log import Column, EpisodeLog, Event
-from perdure.home.evaluate.strategy import strategy_of
+from perdure.home.evaluate.log import Column, EpisodeLog, Event, Release
+from perdure.home.evaluate.strategy import CALM, Strategy, strategy_of
 from perdure.home.sim.arrays import FloatArray, IntArray
-from perdure.home.sim.scene import SceneOptions
+from perdure.home.sim.scene import SceneOptions, with_earlier_scene
 from perdure.home.tasks.planners import FallbackName, OpenLoop
 from perdure.runs import write_atomic
 from perdure.schema import Count, Items, Kind, Parquet, Table, read_json
@@ -33,11 +36,15 @@ if TYPE_CHECKING:
     import polars as pl
 
 SCHEMA_NAME = "perdure.home.episodes.log"
-SCHEMA_VERSION = "5"
+SCHEMA_VERSION = "6"
 FORMAT = {"schema": SCHEMA_NAME, "version": SCHEMA_VERSION}
+CALM_VERSION = "5"
+"""Also read; it had no column `disturbance`, and releases without `_TOUCHES`."""
 OLD_VERSION = "4"
 """Also read; it had `strategy` in place of `place` and the columns below, and a position of two containers an event."""
-_NEW_COLUMNS = ("world", "planner", "fallback")
+_NEW_COLUMNS = ("world", "planner", "fallback", "disturbance")
+_TOUCHES = {"touches": -1, "pushed": math.nan}
+"""Columns of a release that versions 4 and 5 lack, and what they mean there: unknown."""
 _OLD_CONTAINERS = ("drawer", "fridge")
 """Fields of an event in version 4."""
 _RESERVED = (*FORMAT, "sha256")
@@ -48,8 +55,8 @@ HAND_OVERS = dict[str, Count]
 
 
 @dataclass(frozen=True)
-class OldOptions:
-    """What the note `protocol` of version 4 says of options."""
+class NotedOptions:
+    """What the note `protocol` says of options."""
 
     scene: SceneOptions = field(default_factory=SceneOptions)
     planner: str = OpenLoop.name
@@ -57,11 +64,11 @@ class OldOptions:
 
 
 @dataclass(frozen=True)
-class OldProtocol:
-    """What the note `protocol` of version 4 says of what was run."""
+class NotedProtocol:
+    """What the note `protocol` says of what was run."""
 
     place: str
-    options: OldOptions = field(default_factory=OldOptions)
+    options: NotedOptions = field(default_factory=NotedOptions)
 
 
 @dataclass(frozen=True)
@@ -238,15 +245,14 @@ def read_log_file(path: str | os.PathLike[str]) -> tuple[list[EpisodeLog], dict[
     if notes.pop("schema", "") != SCHEMA_NAME:
         raise PerdureError(f"{path} is a Parquet file, but not one of the schema {SCHEMA_NAME}")
     version = notes.pop("version", "")
-    if version not in (SCHEMA_VERSION, OLD_VERSION):
+    if version not in (SCHEMA_VERSION, CALM_VERSION, OLD_VERSION):
         raise PerdureError(f"{path} has version {version or 'unknown'}; this package reads version {SCHEMA_VERSION}")
     try:
         frame = file.read()
-        _check_columns(frame, columns() if version == SCHEMA_VERSION else _old_columns())
+        _check_columns(frame, _columns_of(version))
         if notes.pop("sha256", None) != digest(frame, notes, version):
             raise PerdureError("it is damaged, its content does not fit its SHA-256")
-        if version == OLD_VERSION:
-            frame = _from_old(frame, notes)
+        frame = _of_today(frame, notes, version)
         records = [from_row(EpisodeLog, row) for row in _checked_rows(frame)]
         check_distinct(records, "it")
     except PerdureError as error:
@@ -262,6 +268,56 @@ def _check_columns(frame: pl.DataFrame, expected: Mapping[str, pl.DataType]) -> 
         raise PerdureError(f"wrong, missing or unknown columns {wrong}")
 
 
+def _of_today(frame: pl.DataFrame, notes: Mapping[str, str], version: str) -> pl.DataFrame:
+    """Return a table of any version as one of today."""
+    if version == OLD_VERSION:
+        return _from_old(frame, notes)
+    if version == CALM_VERSION:
+        return _from_calm(frame, notes)
+    return frame
+
+
+def _columns_of(version: str) -> dict[str, pl.DataType]:
+    """Return the columns of a version."""
+    if version == OLD_VERSION:
+        return _old_columns()
+    found = columns()
+    if version == CALM_VERSION:
+        found["releases"] = _untouched()
+        del found["disturbance"]
+    return found
+
+
+def _untouched() -> pl.DataType:
+    """Return the type of releases before touches were counted."""
+    import polars as pl
+
+    return pl.List(pl.Struct({name: dtype for name, dtype in columns(Release).items() if name not in _TOUCHES}))
+
+
+def _from_calm(frame: pl.DataFrame, notes: Mapping[str, str]) -> pl.DataFrame:
+    """Return a table of version 5 as one of today; its note `protocol` tells of which physics it is."""
+    import polars as pl
+
+    world = pl.col("world")
+    with suppress(PerdureError):  # another simulator may note what it likes
+        strategy = _noted_strategy(notes)
+        if strategy is not None:
+            world = pl.lit(strategy.world)
+    calm = {"world": world, "disturbance": pl.lit(CALM), "releases": _releases_from_old()}
+    return frame.with_columns(**calm).select(columns().keys())
+
+
+def _releases_from_old() -> pl.Expr:
+    """Return the releases of versions 4 and 5, whose touches are unknown."""
+    import polars as pl
+
+    release = pl.element().struct
+    kept = [release.field(name) for name in columns(Release) if name not in _TOUCHES]
+    unknown = [pl.lit(value).alias(name) for name, value in _TOUCHES.items()]
+    return pl.col("releases").list.eval(pl.struct(*kept, *unknown))
+
+
 def _old_columns() -> dict[str, pl.DataType]:
     """Return the columns of version 4, in which one text told what was run: "ik drag closed"."""
     import polars as pl
@@ -274,6 +330,8 @@ def _old_columns() -> dict[str, pl.DataType]:
             found["strategy"] = dtype
         elif name == "events":
             found["events"] = pl.List(pl.Struct({**event, **dict.fromkeys(_OLD_CONTAINERS, pl.Float64())}))
+        elif name == "releases":
+            found["releases"] = _untouched()
         elif name not in _NEW_COLUMNS:
             found[name] = dtype
     return found
@@ -283,14 +341,21 @@ def _from_old(frame: pl.DataFrame, notes: Mapping[str, str]) -> pl.DataFrame:
     """Return a table of version 4 as one of today; its note `protocol` tells what was run, else the text is kept."""
     import polars as pl
 
-    strategy = None
-    if "protocol" in notes:
-        noted = read_json(notes["protocol"], OldProtocol)
-        strategy = strategy_of(noted.place, noted.options.scene, noted.options.planner, noted.options.fallback)
+    strategy = _noted_strategy(notes)
     usual = {each.name: each.default for each in fields(EpisodeLog) if each.name in _NEW_COLUMNS}
     place = pl.col("strategy") if strategy is None else pl.lit(strategy.place)
     more = {name: pl.lit(value if strategy is None else getattr(strategy, name)) for name, value in usual.items()}
-    return frame.with_columns(place=place, events=_events_from_old(), **more).select(columns().keys())
+    parts = {"events": _events_from_old(), "releases": _releases_from_old()}
+    return frame.with_columns(place=place, **parts, **more).select(columns().keys())
+
+
+def _noted_strategy(notes: Mapping[str, str]) -> Strategy | None:
+    """Return what the note `protocol` says was run; None where there is none."""
+    if "protocol" not in notes:
+        return None
+    text = json.dumps(with_earlier_scene(read_json(notes["protocol"])))
+    noted = read_json(text, NotedProtocol)
+    return strategy_of(noted.place, noted.options.scene, noted.options.planner, noted.options.fallback)
 
 
 def _events_from_old() -> pl.Expr:

@@ -19,8 +19,8 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 
 from perdure.errors import PerdureError
-from perdure.home.evaluate.strategy import Strategy
-from perdure.home.sim.arrays import FloatArray, IntArray, Vec3
+from perdure.home.evaluate.strategy import CALM, Strategy
+from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Vec3
 from perdure.home.sim.pieces import CONTAINERS
 from perdure.home.tasks.tasks import (
     ABOUT_CONTAINERS,
@@ -43,6 +43,8 @@ ENDINGS: tuple[Ending, ...] = get_args(Ending)
 MOVED = 0.002
 TURNED = 0.01
 """Tracks leave out steps at which the object is within 2 mm of where it was, the height of its z axis within 0.01."""
+TOUCH_SECONDS = 2.0
+"""Time after a release in which touches are counted: the hand withdraws."""
 GRID = 2.0**-13
 """Poses of tracks are rounded to multiples of this (0.12 mm), which lets a file shrink."""
 
@@ -197,6 +199,12 @@ class Release:
     track: Annotated[
         Track, Column("from the last step in the hand to the end, or to the step before the hand takes it again")
     ]
+    touches: Annotated[
+        int, Column("steps of the two seconds after it in which arm or hand touched the object; -1: unknown", Whole(-1))
+    ] = -1
+    pushed: Annotated[
+        float, Column("way of the object's middle in these steps, in the plane; nan: unknown", _MEASURED, "m")
+    ] = math.nan
 
     @property
     def step(self) -> int:
@@ -252,6 +260,7 @@ class EpisodeLog:
     fallback: Annotated[str, Column("who takes over a skill that failed often; none with the open loop", _NAME)] = (
         "none"
     )
+    disturbance: Annotated[str, Column('disturbances that acted together, such as "bump:0.1"; none', _NAME)] = CALM
     label: str = ""
     """What `perdure home analyze --names` calls its file; files do not keep it."""
     history: History | None = field(default=None, repr=False)
@@ -306,7 +315,7 @@ class EpisodeLog:
     @cached_property
     def strategy(self) -> Strategy:
         """What was run."""
-        return Strategy(self.place, self.world, self.planner, self.fallback, self.label)
+        return Strategy(self.place, self.world, self.planner, self.fallback, self.disturbance, self.label)
 
     @property
     def name(self) -> str:
@@ -380,9 +389,14 @@ class History:
     force: FloatArray
     """Largest normal contact force at the robot in [N]; nan if unknown. Shape (steps,)."""
     control_hz: float
+    touched: BoolArray | None = None
+    """Whether arm or hand touched each target, while it was not held; None if unknown. Shape (steps, targets)."""
 
     def __post_init__(self) -> None:
-        lengths = {e.name: len(getattr(self, e.name)) for e in fields(self) if e.name != "control_hz"}
+        known = [
+            each.name for each in fields(self) if each.name != "control_hz" and getattr(self, each.name) is not None
+        ]
+        lengths = {name: len(getattr(self, name)) for name in known}
         if len(set(lengths.values())) != 1 or not len(self.facts):
             raise PerdureError(f"a history needs as many steps of everything, and at least one; it has {lengths}")
 
@@ -426,6 +440,7 @@ class History:
         up = _rounded(self.up[rows, target])
         kept = kept_steps(position, up)
         before = max(step - 1, 0)
+        touches, pushed = self._touches_after(step, rows.stop, target)
         return Release(
             target=target,
             object_speed=float(self.speed[step, target]),
@@ -438,7 +453,19 @@ class History:
                 gripper=_rounded(self.gripper[rows][kept]),
                 base=_rounded(self.base[rows][kept]),
             ),
+            touches=touches,
+            pushed=pushed,
         )
+
+    def _touches_after(self, step: int, end: int, target: int) -> tuple[int, float]:
+        """Return `Release.touches` and `Release.pushed` of a release at a step whose track ends before `end`."""
+        if self.touched is None:
+            return -1, math.nan
+        steps = slice(step + 1, min(end, step + 1 + round(TOUCH_SECONDS * self.control_hz)))
+        touched = self.touched[steps, target]
+        middles = self.facts.object_positions[step : steps.stop, target, :2]
+        ways = np.linalg.norm(np.diff(middles, axis=0), axis=1)
+        return int(touched.sum()), float(ways[touched].sum())
 
 
 def _rounded(values: FloatArray) -> FloatArray:

@@ -21,9 +21,9 @@ import numpy as np
 
 from perdure.home.evaluate.log import EpisodeLog, Release, SkillRun
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
+from perdure.home.sim.hand import GRASP_RADIUS
 from perdure.home.sim.objects import KINDS
 from perdure.home.sim.pieces import CONTAINERS
-from perdure.home.sim.simulator import GRASP_RADIUS
 from perdure.home.tasks.tasks import (
     ABOUT_CONTAINERS,
     AT,

@@ -9,11 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from perdure.envs.suites import parse_options
 from perdure.errors import PerdureError, did_you_mean, lookup
 from perdure.home.agents.learned import Learned, Scripted, SkillAgent
 from perdure.home.agents.release import ReleaseStrategy, make_strategy, release_strategy
 from perdure.home.agents.scripted import Oracle
 from perdure.home.evaluate.log import UNTRAINED
+from perdure.home.sim.scene import EARLIER
 from perdure.home.skills import SKILLS, get_skill
 from perdure.home.skills.place import VARIANTS, variant_options
 from perdure.home.tasks.planners import OpenLoop, needed_skills
@@ -135,6 +137,18 @@ class SkillPolicy:
     def policy(self) -> Policy | None:
         """The policy, loaded once in a process; None for the oracle. PerdureError if its file has changed."""
         return None if self.path is None else _load(self.path, self.sha256)
+
+    @property
+    def physics(self) -> dict[str, Any]:
+        """The options of `EARLIER` with which it was trained; empty where its file does not say."""
+        policy = self.policy
+        if policy is None:
+            return {}
+        named = parse_options(policy.task.name.partition(",")[2])
+        found = {name: named[name] for name in EARLIER if name in named}
+        if not found and self.path is not None and self.path.is_relative_to(SHIPPED):
+            return dict(EARLIER)
+        return found
 
     @property
     def source(self) -> str:

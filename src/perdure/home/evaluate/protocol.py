@@ -14,6 +14,7 @@ from typing import Any
 
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
+from perdure.home.evaluate.disturbances import home_labels
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.files import write_logs
 from perdure.home.evaluate.log import UNTRAINED
@@ -26,7 +27,7 @@ from perdure.home.evaluate.policies import (
     read_release,
 )
 from perdure.home.evaluate.strategy import Strategy
-from perdure.home.sim.scene import WorldOptions
+from perdure.home.sim.scene import WorldOptions, with_earlier_scene
 from perdure.home.skills import Skill, get_skill
 from perdure.home.tasks.episodes import load_episodes
 from perdure.home.tasks.planners import OpenLoop, needed_skills
@@ -87,11 +88,22 @@ class EvaluationProtocol:
             words.append(self.options.planner)
         if self.options.fallback == "none":
             words.append("no-fallback")
+        words += [each.label.replace(":", "-") for each in self.options.disturb]
         return f"{self.task}/{self.split}/{'-'.join(words)}"
 
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
         return choose_policies(self.task, train_seed, self.policies, self.release, self.options.planner)
+
+    def trained_otherwise(self) -> dict[str, list[SkillName]]:
+        """Return the skills whose policies were trained with other physics, by the flags that name it."""
+        found: dict[str, list[SkillName]] = {}
+        for skill, policy in self.policies_of(0).items():
+            trained = policy.physics
+            if any(getattr(self.options.scene, name) != value for name, value in trained.items()):
+                flags = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in trained.items())
+                found.setdefault(flags, []).append(skill)
+        return found
 
     def skills(self) -> dict[str, Skill]:
         """Return the skills that the planner may choose."""
@@ -183,7 +195,8 @@ def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol
     if "protocol" not in notes:
         raise PerdureError(f"{name} does not say with which options it was made, as logs of perdure home run do")
     try:
-        protocol: EvaluationProtocol = read_json(notes["protocol"], EvaluationProtocol)
+        noted = with_earlier_scene(read_json(notes["protocol"]))
+        protocol: EvaluationProtocol = read_json(json.dumps(noted), EvaluationProtocol)
     except PerdureError as error:
         raise PerdureError(f"{name}: its protocol cannot be read: {error}") from None
     return protocol
@@ -238,6 +251,7 @@ def run_config(protocol: EvaluationProtocol) -> dict[str, Any]:
         "settle_steps": protocol.options.settle_steps,
         **({} if protocol.options.planner == OpenLoop.name else {"planner": protocol.options.planner}),
         **({} if protocol.options.fallback == "oracle" else {"fallback": protocol.options.fallback}),
+        **({"disturb": home_labels(protocol.options.disturb)} if protocol.options.disturb else {}),
         **versions("mujoco"),
     }
 

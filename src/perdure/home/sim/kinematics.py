@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from perdure.errors import PerdureError
 from perdure.home.sim.arrays import FloatArray
+from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
 
 _JOINTS = len(ROBOT.arm)
@@ -43,6 +44,19 @@ def gripper_pose(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArr
         where the fingers point). Equal to the model's gripper site seen from the base.
     """
     return _chain(torso, arm)[:2]
+
+
+def gripper_in_room(base: Pose, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where the gripper would be in the room: position (3,) and rotation (3, 3)."""
+    position, rotation = gripper_pose(ROBOT.torso_height, arm)
+    return base.to_room(position), about_z(base.yaw) @ rotation
+
+
+def about_z(angle: float) -> FloatArray:
+    """Return the rotation by an angle in [rad] about the vertical. Shape (3, 3)."""
+    cos = np.cos(angle)
+    sin = np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def pose_and_jacobian(torso: ArrayLike, arm: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -155,14 +169,15 @@ def toward(
 
 
 def reach_many(
-    points: FloatArray, approach: FloatArray, upright: bool, start: FloatArray, iterations: int = 25
+    points: FloatArray, approach: FloatArray, axes: FloatArray | None, start: FloatArray, iterations: int = 25
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return arm poses that bring the gripper to many places, about a hundred in the time `reach` needs for one.
 
     Args:
         points: Wanted gripper points in the base frame in [m]. Shape (n, 3).
         approach: Wanted directions of the gripper's x axis, of length 1. Shape (n, 3).
-        upright: Whether the gripper's z axis must point up; else the roll about x is free.
+        axes: Wanted axes of the gripper, one per column, the first of them its approach; None when the roll about x is
+            free. Shape (n, 3, 3).
         start: Where the search starts. Shape (n, joints) or (joints,).
         iterations: Number of steps.
 
@@ -170,16 +185,15 @@ def reach_many(
         Joint angles (n, joints), remaining distance in [m] (n,) and remaining turn in [rad] (n,).
     """
     arm = np.broadcast_to(start, (len(points), _JOINTS)).copy()
-    wanted = _upright(approach) if upright else None
     for _ in range(iterations):
-        way, turn, matrix = _error(points, wanted, approach, arm)
+        way, turn, matrix = _error(points, axes, approach, arm)
         way = _shorten(way, _length(way), MANY_LONGEST)
         turn = _shorten(turn, _length(turn), MANY_TURN)
         step = damped_step(matrix, np.concatenate([way, turn], axis=1), MANY_DAMPING)
         arm = np.clip(
             arm + _shorten(step, np.abs(step).max(axis=1, keepdims=True), MANY_LARGEST), ROBOT.arm_low, ROBOT.arm_high
         )
-    way, turn, _ = _error(points, wanted, approach, arm)
+    way, turn, _ = _error(points, axes, approach, arm)
     return arm, np.linalg.norm(way, axis=1), np.linalg.norm(turn, axis=1)
 
 
@@ -298,12 +312,6 @@ def _turn_x(x: FloatArray, approach: FloatArray) -> FloatArray:
         across = np.cross(x[opposite], np.eye(3)[np.abs(x[opposite]).argmin(axis=1)])
         vector[opposite] = np.pi * across / _length(across)
     return vector
-
-
-def _upright(approach: FloatArray) -> FloatArray:
-    """Return rotations whose x axis is a level approach and whose z axis points up. Shape (n, 3, 3)."""
-    up = np.broadcast_to((0.0, 0.0, 1.0), approach.shape)
-    return np.stack([approach, np.cross(up, approach), up], axis=-1)
 
 
 def _length(vectors: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,23 @@ SERVO_HZ = 120
 LEVERS = (0.0, 0.0001, 0.0004, ROLLING)
 """Rolling resistances of tables and of training, see `WorldOptions.rolling`."""
 MOST_ROLLING = 0.01
-_WORDS = {"apple": "hull-apple", "clutter": "no-clutter"}
+GraspRule = Literal["kept", "snapped"]
+EARLIER: Mapping[str, Any] = {"grasp": "snapped", "base_speed": 3.0}
+"""Options of the physics before they had names: of policies and logs that do not name them."""
+
+
+def with_earlier_scene(noted: Any) -> Any:
+    """Return the note `protocol` of logs with the options that its scene does not name."""
+    if isinstance(noted, dict) and isinstance(noted.get("options"), dict):
+        scene = noted["options"].get("scene", {})
+        if isinstance(scene, dict):
+            noted["options"]["scene"] = {**EARLIER, **scene}
+    return noted
+
+
+FASTEST = 3.0
+"""Largest speed of the base in [m/s] that a navigation policy may ask for (M3)."""
+_WORDS = {"apple": "hull-apple", "clutter": "no-clutter", "grasp": "snapped-grasp"}
 """Word of an unusual option in names."""
 
 
@@ -45,6 +61,12 @@ class WorldOptions:
     physics_hz: int = PHYSICS_HZ
     """Physics steps per second: 120 or more, a multiple of 30."""
 
+    grasp: GraspRule = "kept"
+    """How the hand holds an object: as it was grasped, and it collides with the robot again after its release; or
+    snapped to the gripper's axes, and it never collides with the robot again (M3)."""
+    base_speed: float = 1.0
+    """Largest speed of the base in [m/s] and [rad/s]. Fetch: about 1; M3: 3, as for earlier policies."""
+
     def __post_init__(self) -> None:
         """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""
         rate = self.physics_hz
@@ -52,8 +74,11 @@ class WorldOptions:
             raise PerdureError(f"physics_hz must be a whole multiple of {CONTROL_HZ}, not {rate!r}")
         if not isinstance(self.rolling, float | int) or not 0.0 <= self.rolling <= MOST_ROLLING:
             raise PerdureError(f"rolling must be a lever arm from 0 to {MOST_ROLLING:g} m, not {self.rolling!r}")
-        if self.apple not in get_args(AppleShape):
-            raise PerdureError(f"apple must be one of {', '.join(get_args(AppleShape))}, not {self.apple!r}")
+        for name, kinds in {"apple": get_args(AppleShape), "grasp": get_args(GraspRule)}.items():
+            if getattr(self, name) not in kinds:
+                raise PerdureError(f"{name} must be one of {', '.join(kinds)}, not {getattr(self, name)!r}")
+        if not isinstance(self.base_speed, float | int) or not 0.0 < self.base_speed <= FASTEST:
+            raise PerdureError(f"base_speed must be above 0 and at most {FASTEST:g} m/s, not {self.base_speed!r}")
 
     @property
     def unusual(self) -> dict[str, Any]:
@@ -68,7 +93,11 @@ class WorldOptions:
         rolling = "drag"
         if self.rolling:
             rolling = f"rolling-{1000.0 * self.rolling:g}-mm"
-        numbers = {"physics_hz": f"{self.physics_hz}-hz", "rolling": rolling}
+        numbers = {
+            "physics_hz": f"{self.physics_hz}-hz",
+            "rolling": rolling,
+            "base_speed": f"base-speed-{self.base_speed:g}",
+        }
         return tuple({**_WORDS, **numbers}[name] for name in self.unusual)
 
 
@@ -262,6 +291,13 @@ class Scene:
         return tuple(
             np.nonzero((model.geom_bodyid == body) & (model.geom_contype > 0))[0] for body in self.object_bodies
         )
+
+    @cached_property
+    def geom_object(self) -> IntArray:
+        """Number of the object that each geom belongs to, -1 for none. Shape (geoms,)."""
+        numbers = np.full(self.model.nbody, -1, dtype=np.int64)
+        numbers[self.object_bodies] = np.arange(len(self.object_bodies))
+        return np.asarray(numbers[self.model.geom_bodyid])
 
     @cached_property
     def robot_geoms(self) -> BoolArray:

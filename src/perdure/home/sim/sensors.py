@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Rows
+from perdure.home.sim.hand import GRASP_RADIUS
 from perdure.home.sim.occupancy import Geodesic, moving_footprints, static_footprints
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.robot import ROBOT
-from perdure.home.sim.simulator import GRASP_RADIUS, Simulator
+from perdure.home.sim.simulator import Simulator
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ class PrivilegedState(Rows):
     held_link: IntArray
     """Number of the link whose handle is held, -1 when there is none. Shape (n,)."""
     hold_error: FloatArray
-    """Distance of what is held (object's middle or handle) from the gripper point, 0 with an empty hand. Shape (n,)."""
+    """Distance of a held object from where the hand holds it, or of a held handle from the gripper point, 0 with an
+    empty hand. Shape (n,)."""
     target: IntArray
     """The skill goal's object. Shape (n,)."""
     object: FloatArray
@@ -225,7 +227,7 @@ def read_state(
             link_position[row] = lane.links[goal.link]
             link_velocity[row] = lane.qvel[lane.scene.link_qvel[goal.link]]
         if lane.held >= 0:
-            hold[row] = lane.object(lane.held)[0][:3]
+            hold[row] = lane.object(lane.held)[0][:3] - lane.gripper_axes @ lane.hand.offset
         elif lane.held_link >= 0:
             hold[row] = lane.handles[lane.held_link]
 

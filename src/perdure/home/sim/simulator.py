@@ -1,4 +1,4 @@
-"""One simulated robot in a scene: its actions, the magic grasp, release, forces."""
+"""One simulated robot in a scene: its actions, its state, forces. `hand` has the magic grasp and the release."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perdure.home.sim.arrays import FloatArray
-from perdure.home.sim.geoms import OBJECT_BIT
+from perdure.home.sim.arrays import BoolArray, FloatArray
+from perdure.home.sim.hand import Hand
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.pieces import Pose
 from perdure.home.sim.robot import ROBOT
@@ -22,7 +22,8 @@ STOP_LEVEL = 0.9
 choice; M3 has a discrete action for it)."""
 
 BASE_SPEED = 1.5
-"""Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3)."""
+"""Forward speed in [m/s] and turning speed in [rad/s] of an action of 1 in manipulation skills (M3), where the base is
+so fast, see `WorldOptions.base_speed`."""
 NAVIGATION_SPEED = 3.0
 """The same in navigation (M3, whose actions are 20 discrete ones; ours are continuous)."""
 ARM_STEP = 0.025
@@ -31,8 +32,6 @@ GRASP = 1.0
 RELEASE = -1.0
 LEAVE = 0.0
 """Gripper: above 0 grasps, below 0 releases (M3's signs; the thesis has them the other way round), 0 does nothing."""
-GRASP_RADIUS = 0.15
-"""How near a handle or an object's middle must be to the gripper point to be grasped, in [m] (M3, habitat-lab)."""
 
 
 class Simulator:
@@ -56,15 +55,11 @@ class Simulator:
         """The gripper point in the room, as of the last step's end. Shape (3,)."""
         self.gripper_axes: FloatArray = self.data.site_xmat[gripper].reshape(3, 3)
         """Its axes in the room, one per column. Shape (3, 3)."""
-        self.held = -1
-        self.held_link = -1
-        self._passing: set[int] = set()
-        """Objects that have been held: they pass through the robot until the next reset."""
+        self.hand = Hand(scene, self.model, self.data)
         first = int(mujoco.mjtWarning.mjWARN_BADQPOS)
         last = int(mujoco.mjtWarning.mjWARN_BADQACC)
         self._bad_states: NDArray[np.int32] = self.data.warning.number[first : last + 1]
         self._substeps = scene.options.physics_hz // CONTROL_HZ
-        self._counted: NDArray[np.bool_] = scene.arm_geoms.copy()
         self._searched_from: tuple[float, float] | None = None
         self.set_rolling(scene.options.rolling)
 
@@ -79,13 +74,9 @@ class Simulator:
 
         Links that are not named take the scene's own positions; so do objects that `moved` does not place by number.
         """
-        # Nothing is held, and no object passes through the robot.
         self._mujoco.mj_resetData(self.model, self.data)
         self.search_all()
-        self.release()
-        for number in self._passing:
-            self._collide(number, True)
-        self._passing.clear()
+        self.hand.reset()
 
         # Drawers, doors and objects.
         scene = self.scene
@@ -129,6 +120,7 @@ class Simulator:
 
     def step(self) -> None:
         """One control step of physics; lets other threads run meanwhile."""
+        self.hand.advance()
         self._exclude_far_bodies()
         self._mujoco.mj_step(self.model, self.data, self._substeps)
         self._mujoco.mj_kinematics(self.model, self.data)  # mj_step leaves poses as they were before its last step
@@ -164,61 +156,27 @@ class Simulator:
         qvel = self.scene.object_qvel[:count, None]
         return self.qpos[qpos + np.arange(7)], self.qvel[qvel + np.arange(3)]
 
-    def grasp(self, gripper: FloatArray, rotation: FloatArray, handles: FloatArray) -> None:
-        """The magic grasp: the nearest handle within reach, else the nearest object, turned to the gripper's axes.
+    @property
+    def held(self) -> int:
+        """Number of the held object, -1 for none."""
+        return self.hand.held
 
-        Does nothing with a full hand or with nothing within 0.15 m. Gripper point (3,), its axes as columns (3, 3) and
-        the handles of all links (links, 3) are in the room.
-        """
-        if self.held >= 0 or self.held_link >= 0:
-            return
-        link = _within_reach(handles, gripper)
-        if link >= 0:
-            self.hold_link(link, rotation.T @ (handles[link] - gripper), handles[link])
-            return
-        number = _within_reach(self.middles, gripper)
-        if number >= 0:
-            self.hold_object(number, gripper, rotation)
+    @property
+    def held_link(self) -> int:
+        """Number of the link whose handle is held, -1 for none."""
+        return self.hand.held_link
 
-    def hold_link(self, link: int, in_gripper: FloatArray, in_room: FloatArray) -> None:
-        """Attach the handle of a link to the hand at its present distance.
-
-        M3 draws the handle to the gripper point; there hand and handle would push against each other. The handle's
-        position is given from the gripper point along the gripper's axes, and in the room. Shapes (3,).
-        """
-        self.held_link = link
-        equality = self.scene.hold(self.scene.links[link])
-        body = self.data.body(self.scene.links[link])
-        self._mujoco.mj_kinematics(self.model, self.data)
-        self.model.eq_data[equality, :3] = in_gripper + self.model.site(ROBOT.gripper_site).pos
-        self.model.eq_data[equality, 3:6] = body.xmat.reshape(3, 3).T @ (in_room - body.xpos)
-        self.data.eq_active[equality] = 1
-
-    def hold_object(self, number: int, gripper: FloatArray, rotation: FloatArray) -> None:
-        """Put an object into the gripper, its axes along the gripper's, and ties it there.
-
-        From now on it passes through the robot, also after its release (M3).
-        """
-        pose, _ = self.object(number)
-        speed = self.scene.object_qvel[number]
-        pose[:3] = gripper
-        self._mujoco.mju_mat2Quat(pose[3:], rotation.ravel())
-        self.qvel[speed : speed + 6] = 0.0
-        self.data.eq_active[self.scene.hold(f"object_{number}")] = 1
-        self._collide(number, False)
-        self._passing.add(number)
-        self.held = number
-        self._counted[self.scene.object_geoms[number]] = True
+    def grasp(self) -> None:
+        """The magic grasp, see `Hand.grasp`."""
+        self.hand.grasp(self.gripper, self.gripper_axes, self.handles, self.middles)
 
     def release(self) -> None:
         """Release whatever is held; an object keeps its velocity."""
-        if self.held_link >= 0:
-            self.data.eq_active[self.scene.hold(self.scene.links[self.held_link])] = 0
-            self.held_link = -1
-        if self.held >= 0:
-            self.data.eq_active[self.scene.hold(f"object_{self.held}")] = 0
-            self._counted[self.scene.object_geoms[self.held]] = False
-            self.held = -1
+        self.hand.release()
+
+    def base_speed(self, speed: float) -> float:
+        """Return the speed of a base action of 1 in [m/s] and [rad/s]: a skill's, but no more than the base has."""
+        return min(speed, self.scene.options.base_speed)
 
     def diverged(self) -> bool:
         """Return whether MuJoCo warned of a bad state, or a position is not a finite number."""
@@ -233,10 +191,20 @@ class Simulator:
             return 0.0
         contact = self.data.contact
         rows = contact.efc_address
-        rows = rows[self._counted[contact.geom].any(axis=1) & (rows >= 0)]
+        rows = rows[self.hand.counted[contact.geom].any(axis=1) & (rows >= 0)]
         if not len(rows):
             return 0.0
         return float(self.data.efc_force[rows].max())
+
+    def touched(self, count: int) -> BoolArray:
+        """Return which of the first objects the arm or its hand touches; never what it holds. Shape (count,)."""
+        geoms = self.data.contact.geom
+        touched = np.zeros(len(self.scene.placements) + 1, dtype=bool)
+        if len(geoms):
+            arm = self.scene.arm_geoms[geoms]
+            numbers = self.scene.geom_object[geoms]
+            touched[numbers[arm[:, ::-1]]] = True  # the other geom of a contact; -1 is the last entry
+        return touched[:count]
 
     def _exclude_far_bodies(self) -> None:
         """Exclude bodies that nothing can touch from the contact search, see `nearby`."""
@@ -263,15 +231,3 @@ class Simulator:
         self.model.body_contype[:] = nearby.contype
         self.model.body_conaffinity[:] = nearby.conaffinity
         self._searched_from = None
-
-    def _collide(self, number: int, robot: bool) -> None:
-        """Set whether an object collides with the robot; objects always collide with each other."""
-        self.model.geom_conaffinity[self.scene.object_geoms[number]] = OBJECT_BIT | int(robot)
-
-
-def _within_reach(points: FloatArray, gripper: FloatArray) -> int:
-    """Return the number of the nearest point (n, 3) if the magic grasp reaches it, else -1."""
-    distance = np.sqrt(((points - gripper) ** 2).sum(axis=1))
-    if (distance <= GRASP_RADIUS).any():
-        return int(distance.argmin())
-    return -1

@@ -79,7 +79,8 @@ class VectorSimulator:
             base: Where the robot stands.
             arm: Its arm's joint angles. Shape (joints,).
             opened: Joint positions of drawers and doors by link name in place of the scene's own.
-            held: Number of the object in the gripper, -1 for none.
+            held: Number of the object in the gripper, -1 for none. If `moved` places it, the hand holds it in that
+                attitude, else with its axes along the gripper's.
             skill_goal: The goal of its skill.
             moved: Placements of objects by number in place of the scene's own.
         """
@@ -122,7 +123,7 @@ class VectorSimulator:
         Args:
             actions: From -1 to 1, see `perdure.home.sim.simulator`; values outside are clipped. Shape (m, action size).
             lanes: Which lanes to step, all when None. Shape (m,).
-            base_speed: Speed of a base action of 1 in [m/s] and [rad/s]. Shape (m,).
+            base_speed: Speed of a base action of 1 in [m/s] and [rad/s], where the base is so fast. Shape (m,).
             arm_step: What an arm action of 1 adds to a servo's target in [rad]. Shape (m,).
 
         Raises:
@@ -182,8 +183,7 @@ class VectorSimulator:
         known["contact_force"][number] = 0.0
         known["stopped"][number] = False
         if held >= 0:
-            simulator.hold_object(held, simulator.gripper, simulator.gripper_axes)
-            simulator.forward()
+            simulator.hand.hold_from_start(held, placed=held in moved)
 
     def _checked(self, actions: FloatArray, chosen: IntArray) -> FloatArray:
         actions = np.asarray(actions, dtype=np.float64)
@@ -203,13 +203,14 @@ class VectorSimulator:
         grip = actions[:, ROBOT.action.grip]
         stopped = actions[:, ROBOT.action.stop] > STOP_LEVEL
         self._known["stopped"][chosen] = stopped
-        speed = np.where(stopped, 0.0, speed)
+        fastest = np.array([self.simulator(number).scene.options.base_speed for number in chosen.tolist()])
+        speed = np.where(stopped, 0.0, np.minimum(speed, fastest))
         forward = actions[:, ROBOT.action.forward] * speed
         turning = actions[:, ROBOT.action.turn] * speed
         for row, number in enumerate(chosen):
             simulator = self.simulator(number)
             if grip[row] > 0.0:
-                simulator.grasp(simulator.gripper, simulator.gripper_axes, simulator.handles)
+                simulator.grasp()
             elif grip[row] < 0.0:
                 simulator.release()
             simulator.ctrl[ROBOT.arm_columns] = target[row]

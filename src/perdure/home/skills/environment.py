@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gymnasium
 import numpy as np
@@ -16,7 +16,17 @@ from perdure.envs.suites import VectorSuite
 from perdure.errors import PerdureError, lookup
 from perdure.home.sim.apartments import SPLITS
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray
-from perdure.home.sim.scene import LEVERS, MOST_ROLLING, PHYSICS_HZ, SERVO_HZ, Scene, SceneOptions
+from perdure.home.sim.scene import (
+    FASTEST,
+    LEVERS,
+    MOST_ROLLING,
+    PHYSICS_HZ,
+    SERVO_HZ,
+    GraspRule,
+    Scene,
+    SceneOptions,
+    WorldOptions,
+)
 from perdure.home.sim.sensors import PrivilegedState
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.skills.registry import PREFIX, SKILLS, env_id, get_skill, learned_skills
@@ -42,6 +52,8 @@ OPTION_KINDS: Mapping[str, Kind] = {
     "clutter": Flag(),
     "physics_hz": Whole(SERVO_HZ, 100_000),
     "rolling": Real(0.0, MOST_ROLLING),
+    "grasp": Choice(get_args(GraspRule)),
+    "base_speed": Real(0.0, FASTEST, above=True),
     "episodes": Maybe(COUNT),
 }
 """The kind of every option."""
@@ -71,6 +83,8 @@ class SkillEnvOptions:
     """Whether objects that are no targets are in the scene."""
     physics_hz: int = PHYSICS_HZ
     rolling: float = SceneOptions.rolling
+    grasp: GraspRule = SceneOptions.grasp
+    base_speed: float = SceneOptions.base_speed
     """See `WorldOptions`."""
     episodes: int | None = None
     """Number of episodes; when None 64 of `train`, one for each apartment, or all published ones."""
@@ -128,7 +142,8 @@ class SkillEnvOptions:
     @property
     def scene(self) -> SceneOptions:
         """Return how scenes are built; the target is added for each."""
-        return SceneOptions(physics_hz=self.physics_hz, clutter=self.clutter, rolling=self.rolling)
+        own = {each.name: getattr(self, each.name) for each in fields(WorldOptions) if hasattr(self, each.name)}
+        return SceneOptions(clutter=self.clutter, **own)
 
     def make_skill(self) -> Skill:
         """Return the skill with its own options."""

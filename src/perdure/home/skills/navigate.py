@@ -18,7 +18,7 @@ from perdure.home.sim.arrays import BoolArray, FloatArray
 from perdure.home.sim.occupancy import Geodesic
 from perdure.home.sim.pieces import Apartment
 from perdure.home.sim.robot import ROBOT
-from perdure.home.sim.sensors import SCAN_RANGE, PrivilegedState, SkillGoal
+from perdure.home.sim.sensors import SCAN_RANGE, PrivilegedState, SkillGoal, wrap
 from perdure.home.sim.simulator import NAVIGATION_SPEED
 from perdure.home.skills import skill as obs
 from perdure.home.skills.registry import get_skill
@@ -35,9 +35,11 @@ COUNTED = 0.05
 DISTANCE_REWARD = 1.0
 FAR = 5.0
 """Clip of the path length in [m]."""
-STUCK_STEPS = 45
-STUCK_SPEED = 0.05
-"""A robot that is slower than this, in [m/s] and [rad/s], for so many control steps is stuck."""
+STUCK_STEPS = 90
+STUCK_WAY = 0.2
+STUCK_TURN = 1.0
+"""A robot that has moved less than this, in [m] and in [rad], for so many control steps is stuck (our choice). How fast
+it moves does not matter: one that cannot get nearer may rock to and fro for ever."""
 
 
 def _path(state: PrivilegedState, _: SkillProgress) -> list[FloatArray]:
@@ -105,9 +107,13 @@ class Navigate(Skill):
         return np.asarray(state.stopped | (progress.lasting >= STUCK_STEPS))
 
     def remember(self, progress: SkillProgress, state: PrivilegedState) -> SkillProgress:
-        """See `Skill.remember`; `lasting` counts the steps in which the robot stands."""
-        stands = (np.abs(state.base_velocity) < STUCK_SPEED).all(axis=1)
-        return super().remember(replace(progress, lasting=np.where(stands, progress.lasting + 1, 0)), state)
+        """See `Skill.remember`; `lasting` counts the steps since the robot was last away from where it is."""
+        moved = state.base - progress.anchor
+        near = np.hypot(moved[:, 0], moved[:, 1]) < STUCK_WAY
+        stays = near & (np.abs(wrap(moved[:, 2])) < STUCK_TURN)
+        lasting = np.where(stays, progress.lasting + 1, 0)
+        anchor = np.where(stays[:, None], progress.anchor, state.base)
+        return super().remember(replace(progress, lasting=lasting, anchor=anchor), state)
 
     def mask(self, actions: FloatArray, state: PrivilegedState) -> FloatArray:
         """Keep arm and gripper still, and stop on arrival if the action's stop column is 0."""

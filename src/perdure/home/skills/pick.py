@@ -91,7 +91,7 @@ class Pick(Skill):
         """See `Skill.reward_terms`."""
         approach = norm(before.object - before.gripper) - norm(after.object - after.gripper)
         retract = obs.rest_distance(before) - obs.rest_distance(after)
-        # In the step of the grasp the object jumps into the gripper, which is no approach.
+        # From the grasp on the object comes to the hand by itself, which is no approach.
         return {
             "approach": DISTANCE_REWARD * np.where(before.empty_hand & after.empty_hand, approach, 0.0),
             "retract": DISTANCE_REWARD * np.where(before.holds_target & after.holds_target, retract, 0.0),

@@ -28,12 +28,13 @@ FORCE_MARGIN = 20.0
 `RobotForce` penalizes a lasting contact in every step, because its reference force does not rise with the contact."""
 HOLD_LIMIT = 0.09
 HANDLE_LIMIT = 0.2
-"""Largest distance of a held object or handle from the gripper point in [m]; beyond it the grasp is invalid (M3)."""
+"""Largest distance in [m] of a held object from where the hand holds it, and of a held handle from the gripper point;
+beyond it the grasp is invalid (M3)."""
 
 
 @dataclass(frozen=True)
 class SkillProgress(Rows):
-    """What skills remember of n lanes. All arrays have shape (n,)."""
+    """What skills remember of n lanes. Arrays have shape (n,) where nothing else is said."""
 
     elapsed: IntArray
     """Control steps since the skill began."""
@@ -42,8 +43,8 @@ class SkillProgress(Rows):
     released: BoolArray
     """Whether it has been released after that."""
     lasting: IntArray
-    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot stood
-    (navigate)."""
+    """Number of consecutive steps, up to now, in which the object rested in its goal region (place), or the robot
+    stayed near its anchor (navigate)."""
     reached: BoolArray
     """Whether the drawer, door or object has been in its goal region."""
     away: BoolArray
@@ -52,6 +53,8 @@ class SkillProgress(Rows):
     """Counted contact force of the previous step in [N], see `counted_force`."""
     force_sum: FloatArray
     """Sum of its increases in [N]."""
+    anchor: FloatArray
+    """Base pose from which a robot counts as moved: x, y, heading (navigate). Shape (n, 3)."""
 
 
 def counted_force(state: PrivilegedState) -> FloatArray:
@@ -267,8 +270,8 @@ class Skill(ABC):
     success_text: ClassVar[str]
     """When `success` is true, in words."""
     failures: ClassVar[Mapping[str, str]] = {
-        "invalid grasp": f"a held object is over {HOLD_LIMIT:g} m, or a held handle over {HANDLE_LIMIT:g} m, from the "
-        "gripper point",
+        "invalid grasp": f"a held object is over {HOLD_LIMIT:g} m from where the hand holds it, or a held handle over "
+        f"{HANDLE_LIMIT:g} m from the gripper point",
         "excess force": "the increases of the contact force add up to more than the skill's limit",
     }
     """When each of `failure_conditions` is true, in words. Of several that are true the first one counts."""
@@ -282,7 +285,7 @@ class Skill(ABC):
     grip_text: ClassVar[str] = "above 0: grasp the nearest object or handle, below 0: let go"
     """What the grip action does."""
     base_speed: ClassVar[float] = BASE_SPEED
-    """Speed for a base action of 1 in [m/s] and [rad/s]."""
+    """Speed for a base action of 1 in [m/s] and [rad/s], where the base is so fast."""
     arm_step: ClassVar[float] = ARM_STEP
     """Change of a joint's servo target for an arm action of 1 in [rad] per step."""
     scan_reach: ClassVar[float] = ROBOT.base_radius + SECTOR_DEPTH
@@ -425,15 +428,17 @@ class Skill(ABC):
         """Return a start state with the arm near rest and the object where `object_at_start` says."""
         held = -1
         moved: Mapping[int, Placement] = {}
+        arm = starts.draw_arm(rng)
         if self.object_at_start == "gripper":
             held = 0
+            moved = {0: starts.draw_held(episode.objects[target], base, arm, rng)}
         elif self.object_at_start == "goal":
             moved = {0: episode.goals[target]}
         else:
             moved = starts.carried(episode, target, opened)
         return starts.Start(
             base=base,
-            arm=starts.draw_arm(rng),
+            arm=arm,
             skill_goal=replace(self.skill_goal(episode, target, opened), target=0),
             opened=opened,
             held=held,
@@ -449,13 +454,12 @@ class Skill(ABC):
         believed = replace(episode, objects=(*episode.objects[:target], seen, *episode.objects[target + 1 :]))
         goal = starts.keep_apart(self.skill_goal(believed, target, row.opened, toward), row.stood)
 
-        # The target is in the hand before it is placed, else where it was recorded.
+        # Before it is placed the target is in the hand.
         position, quaternion = row.pose
         held = -1
         moved = {0: replace(episode.objects[target], position=position, quaternion=quaternion)}
         if "place" in row.step:
             held = 0
-            moved = {}
         return starts.Start(
             Pose(*row.base), np.array(row.arm), replace(goal, target=0), row.opened, held=held, moved=moved
         )
@@ -484,6 +488,7 @@ class Skill(ABC):
             away=no,
             force=counted_force(state),
             force_sum=np.zeros(len(state)),
+            anchor=state.base,
         )
         return self.remember(progress, state)
 

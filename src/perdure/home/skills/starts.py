@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from perdure.errors import PerdureError
 from perdure.home.sim.apartments import split_apartments
 from perdure.home.sim.arrays import BoolArray, FloatArray, IntArray, Quaternion, Vec3
-from perdure.home.sim.kinematics import gripper_pose, toward
+from perdure.home.sim.hand import GRASP_RADIUS
+from perdure.home.sim.kinematics import about_z, gripper_in_room, gripper_pose, toward
 from perdure.home.sim.objects import Placement
 from perdure.home.sim.occupancy import FreeSpace, free_space
 from perdure.home.sim.pieces import Apartment, Pose, container_of
@@ -147,6 +148,31 @@ def rest_poses() -> FloatArray:
     found: FloatArray = arm[reached]
     found.flags.writeable = False
     return found
+
+
+STEEPEST = 0.5 * np.pi
+"""Largest downward angle in [rad] at which an object was grasped, for start states that hold one (our choice)."""
+
+
+def draw_held(placement: Placement, base: Pose, arm: FloatArray, rng: np.random.Generator) -> Placement:
+    """Draw how an object is held that was grasped upright: where it is before the fingers, in the room.
+
+    The hand came at an angle from level to straight down, on any side, and has turned since to where the arm is, shape
+    (joints,). Hand and object then close the distance, see `Hand.hold_from_start`.
+    """
+    import mujoco
+
+    position, now = gripper_in_room(base, arm)
+    slope = STEEPEST * float(rng.random())
+    cos = np.cos(slope)
+    sin = np.sin(slope)
+    then = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+    axes = now @ then.T @ about_z(2.0 * np.pi * float(rng.random()))
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).ravel())
+    x, y, z = (position + GRASP_RADIUS * now[:, 0]).tolist()
+    qw, qx, qy, qz = quaternion.tolist()
+    return replace(placement, position=(x, y, z), quaternion=(qw, qx, qy, qz))
 
 
 NEAR = 2.0

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from perdure.home.sim.arrays import BoolArray, IntArray
+from perdure.home.sim.scene import EARLIER, SceneOptions
 from perdure.home.skills.environment import HomeSkillVectorEnv, checked_options
 from perdure.home.skills.place import variant_name
 from perdure.home.skills.registry import env_id, get_skill
@@ -79,7 +80,9 @@ def skill_run(
     name = skill
     if method != "ppo":
         name = f"{skill}-{method}"
-    env_options = {**get_skill(skill).recipe_on(task).env_options, **options}
+    # The policy's file names the physics: files that do not are of the earlier one.
+    physics = {name: getattr(SceneOptions, name) for name in EARLIER}
+    env_options = {**get_skill(skill).recipe_on(task).env_options, **physics, **options}
     inputs = ""
     starts = plan_starts_file(task)
     if env_options.get("training") and starts.exists():

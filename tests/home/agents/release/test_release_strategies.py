@@ -1,6 +1,7 @@
 """The release strategies: what each does between the gripper_goal to let go and the opening of the hand."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,7 +105,7 @@ def test_the_policy_alone_lets_go_in_motion_and_a_stop_takes_that_away(table):
 @pytest.mark.parametrize("name", ["stop", "ik", "guarded"])
 def test_the_base_comes_back_to_where_it_stood_when_the_policy_was_frozen(table, name):
     """At 0.75 m/s backwards the base rolls on; M3's stops at once."""
-    agent = make_strategy(name, Hasty(at=8, forward=-0.5))
+    agent = make_strategy(name, Hasty(at=8, forward=-0.75))
     seen = play(start(table), agent)
     frozen = 9  # the policy acted in eight steps; it asked to let go after the eighth
     away = [float(np.hypot(*(each.base[0, :2] - seen[frozen - 1].base[0, :2]))) for each in seen]
@@ -236,10 +237,12 @@ class OneLetsGo(Hasty):
 
 
 def test_a_hand_over_of_one_lane_leaves_the_others_to_their_policy(table):
-    state, skill = start(table).sense()[np.zeros(3, dtype=np.int64)], Place()
+    world, skill = start(table), Place()
+    state = world.sense()[np.zeros(3, dtype=np.int64)]
+    alike = SimpleNamespace(simulator=lambda lane: world.simulator(0))
     agent = make_strategy("stop", OneLetsGo())
     for _ in range(2):
-        actions = agent.act(None, np.arange(3), skill, state, skill.begin(state))
+        actions = agent.act(alike, np.arange(3), skill, state, skill.begin(state))
         assert actions[:, 0] == pytest.approx([0.1, 0.0, 0.3])
 
 

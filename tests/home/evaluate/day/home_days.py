@@ -17,6 +17,7 @@ ROW = {
     "world": "",
     "planner": "closed",
     "fallback": "none",
+    "disturbance": "none",
     "home": 0,
     "train_seed": 0,
     "eval_seed": 0,

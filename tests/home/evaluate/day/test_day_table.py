@@ -6,6 +6,7 @@ import pytest
 from home_days import make_day
 
 from perdure.errors import PerdureError
+from perdure.home.evaluate import day_table
 from perdure.home.evaluate.day_table import COLUMNS, _longest_stand, describe_columns, read_days, to_frame, write_days
 
 
@@ -33,6 +34,17 @@ def test_what_does_not_fit_is_refused(tmp_path, word, change):
     with pytest.raises(PerdureError, match=word):
         write_days(tmp_path / "day.parquet", to_frame(make_day()).with_columns(**change), {})
     assert not list(tmp_path.iterdir())
+
+
+def test_a_table_of_version_1_is_of_the_earlier_physics(tmp_path, monkeypatch):
+    frame = to_frame(make_day())
+    monkeypatch.setattr(day_table, "SCHEMA_VERSION", "1")
+    monkeypatch.setattr(day_table, "check_days", lambda *_: None)
+    path = write_days(tmp_path / "day.parquet", frame.drop("disturbance"), {})
+    monkeypatch.undo()
+    again, _ = read_days(path)
+    assert again.drop("world").equals(frame.drop("world"))
+    assert set(again["world"]) == {"snapped grasp, base speed 3"}
 
 
 def test_a_damaged_or_foreign_file_is_refused(tmp_path):

@@ -345,11 +345,11 @@ class Keeps(Idle):
 
 
 def hold_object(lane, gripper, axes):
-    lane.hold_object(0, gripper, axes)
+    lane.hand.hold_from_start(0, placed=False)
 
 
 def hold_handle(lane, gripper, axes):
-    lane.hold_link(0, axes.T @ (lane.handles[0] - gripper), lane.handles[0])
+    lane.hand.hold_link(0, axes.T @ (lane.handles[0] - gripper), lane.handles[0])
 
 
 @pytest.mark.parametrize(

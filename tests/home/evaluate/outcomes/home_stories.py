@@ -37,6 +37,7 @@ class Story:
         self.containers = {"drawer": 0.0, "fridge": float(self.episode.opened.get("top_door", 0.0))}
         self.gripper, self.base = AWAY.copy(), np.array([-5.5, -5.0, 0.0])
         self.force, self.diverged = 0.0, False
+        self.touched = np.zeros(targets, dtype=bool)
         self.rows, self.runs = [], []
 
     @property
@@ -58,6 +59,7 @@ class Story:
                     "gripper": self.gripper.copy(),
                     "base": self.base.copy(),
                     "force": self.force,
+                    "touched": self.touched.copy(),
                 }
             )
         return self

@@ -26,6 +26,7 @@ from perdure.home.evaluate.files import (
     to_frame,
     write_logs,
 )
+from perdure.home.evaluate.log import Release
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.evaluate.strategy import Strategy
 from perdure.home.sim.scene import SceneOptions
@@ -262,7 +263,7 @@ def test_files_of_another_schema_version_or_shape_are_refused(path):
     frame = pl.read_parquet(path)
     for notes, table, sentence in (
         ({"schema": "perdure.extrapolation"}, frame, "not one of the schema"),
-        ({"version": "2"}, frame, "reads version 5"),
+        ({"version": "2"}, frame, "reads version 6"),
         ({}, frame.drop("runs"), "runs"),
         ({}, frame.with_columns(pl.lit(1).alias("extra")), "extra"),
         ({}, pl.concat([frame, frame]), "twice"),
@@ -273,9 +274,30 @@ def test_files_of_another_schema_version_or_shape_are_refused(path):
             read_logs(path)
 
 
+def without_touches(path):
+    """The file as it was before there were disturbances and touches."""
+    release = pl.element().struct
+    kept = [release.field(name) for name in columns(Release) if name not in ("touches", "pushed")]
+    frame = pl.read_parquet(path).drop("disturbance")
+    return frame.with_columns(releases=pl.col("releases").list.eval(pl.struct(*kept)))
+
+
+@pytest.mark.parametrize(("named", "world"), [(True, ""), (False, "snapped grasp, base speed 3")])
+def test_a_file_of_version_5_is_of_the_earlier_physics_unless_its_note_names_another(path, logs, named, world):
+    noted = asdict(EvaluationProtocol("prepare_groceries", "ik"))
+    if not named:
+        del noted["options"]["scene"]["grasp"], noted["options"]["scene"]["base_speed"]
+    rewrite(path, without_touches(path), version="5", protocol=json.dumps(noted))
+    read = read_logs(path)
+    assert {log.world for log in read} == {world}
+    assert {log.disturbance for log in read} == {"none"}
+    assert [len(log.releases) for log in read] == [len(log.releases) for log in logs]
+    assert {release.touches for log in read for release in log.releases} == {-1}
+
+
 def as_version_4(path, name, **notes):
     """The file as it was when one text told what was run, and an event had a field for each of two containers."""
-    frame = pl.read_parquet(path).with_columns(place=pl.lit(name)).drop("world", "planner", "fallback")
+    frame = without_touches(path).with_columns(place=pl.lit(name)).drop("world", "planner", "fallback")
     events = frame["events"].to_list()
     for event in (each for row in events for each in row):
         event |= {each["name"]: each["position"] for each in event.pop("containers")}
@@ -292,7 +314,8 @@ def test_a_file_of_version_4_tells_what_was_run_in_its_note(path, logs):
     read = read_logs(path)
     assert {log.strategy for log in read} == {protocol.strategy}
     assert protocol.strategy == Strategy("ik", "drag only, apple a convex hull", "closed", "oracle")
-    same = [replace(log, **asdict(protocol.strategy)) for log in logs]
+    unknown = {log: [replace(each, touches=-1, pushed=float("nan")) for each in log.releases] for log in logs}
+    same = [replace(log, **asdict(protocol.strategy), releases=tuple(unknown[log])) for log in logs]
     assert_frame_equal(to_frame(read), to_frame(same), check_exact=True)
 
 

@@ -84,6 +84,16 @@ def test_a_log_from_before_there_was_a_choice_had_the_oracle_as_fallback():
     assert noted_protocol({"protocol": json.dumps(noted)}, "it") == protocol
 
 
+def test_a_log_from_before_grasp_and_speed_were_options_is_of_the_earlier_physics():
+    scene = SceneOptions(grasp="snapped", base_speed=3.0)
+    noted = asdict(EvaluationProtocol("tidy_house", "rl", options=ExecutorOptions(scene=scene)))
+    earlier = noted_protocol({"protocol": json.dumps(noted)}, "it")
+    del noted["options"]["scene"]["grasp"], noted["options"]["scene"]["base_speed"]
+    assert noted_protocol({"protocol": json.dumps(noted)}, "it") == earlier
+    assert earlier.strategy.world == "snapped grasp, base speed 3"
+    assert earlier.folder == "tidy_house/val/rl-snapped-grasp-base-speed-3"
+
+
 @pytest.mark.parametrize(("planner", "fallback", "word"), [("open", "none", "closed"), ("closed", "oracel", "oracle")])
 def test_a_fallback_that_cannot_be_is_refused(planner, fallback, word):
     with pytest.raises(PerdureError, match=word):
@@ -94,7 +104,9 @@ def test_a_scene_without_clutter_has_a_name_of_its_own():
     assert name("ik", clutter=False) == "ik, no clutter"
 
 
-@pytest.mark.parametrize("wrong", [{"rolling": "ice"}, {"physics_hz": 100}, {"apple": "pear"}])
+@pytest.mark.parametrize(
+    "wrong", [{"rolling": "ice"}, {"physics_hz": 100}, {"apple": "pear"}, {"grasp": "firm"}, {"base_speed": 0.0}]
+)
 def test_values_that_are_not_allowed_are_refused_by_name(wrong):
     with pytest.raises(PerdureError, match=next(iter(wrong))):
         SceneOptions(**wrong)

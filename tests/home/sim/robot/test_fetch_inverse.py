@@ -60,7 +60,7 @@ def test_many_poses_made_by_forward_kinematics_are_found():
     rng = np.random.default_rng(1)
     arm = np.clip(ROBOT.rest_arm + rng.uniform(-0.5, 0.5, (40, 7)), ROBOT.arm_low, ROBOT.arm_high)
     points, rotation = gripper_pose(0.15, arm)
-    found, way, turn = reach_many(points, rotation[:, :, 0], False, ROBOT.rest_arm)
+    found, way, turn = reach_many(points, rotation[:, :, 0], None, ROBOT.rest_arm)
     position, axes = gripper_pose(0.15, found)
     assert np.allclose(np.linalg.norm(points - position, axis=1), way, atol=1e-9)
     good = (way < 0.01) & (turn < 0.05)
@@ -69,7 +69,7 @@ def test_many_poses_made_by_forward_kinematics_are_found():
 
 
 def test_a_point_out_of_reach_is_reported_by_its_distance():
-    _, way, _ = reach_many(np.array([[3.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), False, ROBOT.rest_arm)
+    _, way, _ = reach_many(np.array([[3.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), None, ROBOT.rest_arm)
     assert way[0] > 1.0
 
 
@@ -77,7 +77,7 @@ def test_a_point_out_of_reach_is_reported_by_its_distance():
 def test_an_opposite_direction_is_half_a_turn_away(sign, angle):
     """The axis of half a turn is lost in a cross product; the angle must not be."""
     position, rotation = gripper_pose(0.15, ROBOT.rest_arm)
-    _, _, turn = reach_many(position[None], sign * rotation[None, :, 0], False, ROBOT.rest_arm, iterations=0)
+    _, _, turn = reach_many(position[None], sign * rotation[None, :, 0], None, ROBOT.rest_arm, iterations=0)
     assert turn[0] == pytest.approx(angle, abs=1e-6)
 
 

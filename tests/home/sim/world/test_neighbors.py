@@ -3,8 +3,8 @@
 import numpy as np
 from test_world import begin
 
+from perdure.home.sim.hand import GRASP_RADIUS
 from perdure.home.sim.sensors import NEIGHBORHOOD, look_around
-from perdure.home.sim.simulator import GRASP_RADIUS
 from perdure.home.sim.vector_simulator import VectorSimulator
 from perdure.home.tasks.episodes import load_episodes
 
@@ -31,7 +31,7 @@ def test_the_distances_foretell_what_the_grasp_takes():
             point = around + rng.normal(0.0, 0.08, 3)
             _, other, handle = found_around(lane, target, point)
             mine = float(np.linalg.norm(lane.middles[target] - point))
-            lane.grasp(point, np.eye(3), near)
+            lane.hand.grasp(point, np.eye(3), near, lane.middles)
             took_link, took = lane.held_link >= 0, lane.held
             world.reset(0, scene, world._starts[0][0])
             assert took_link == (handle <= GRASP_RADIUS)

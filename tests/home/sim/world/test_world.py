@@ -95,15 +95,31 @@ def test_the_base_keeps_its_line_and_brakes_alike_at_every_heading(empty_room, h
     begin, most, action = world.sense().base[0, :2], 0.0, np.zeros((1, ROBOT.action_size))
     action[0, ROBOT.action.forward] = 1.0
     for _ in range(15):
-        world.step(action, base_speed=1.5)
+        world.step(action)
         most = max(most, abs(world.sense().base_velocity[0, 1]))
     before = world.sense().base[0, :2]
     for _ in range(20):
-        world.step(np.zeros((1, ROBOT.action_size)), base_speed=1.5)
+        world.step(np.zeros((1, ROBOT.action_size)))
     after = world.sense().base[0, :2]
-    assert np.linalg.norm(after - before) == pytest.approx(0.164, abs=0.005)
+    assert np.linalg.norm(after - before) == pytest.approx(0.073, abs=0.003)
     assert abs((after - begin) @ [-np.sin(yaw), np.cos(yaw)]) < 0.005
     assert most < 0.02
+
+
+@pytest.mark.parametrize(("options", "fastest"), [({}, 1.0), ({"base_speed": 3.0}, 3.0), ({"base_speed": 0.3}, 0.3)])
+def test_the_base_is_no_faster_than_the_physics_allows(empty_room, options, fastest):
+    apartment, middle, _ = empty_room
+    world = VectorSimulator(1)
+    world.reset(0, build_scene(apartment, [], options=SceneOptions(**options)), Pose(middle[0] - 2.0, middle[1], 0.0))
+    action = np.zeros((1, ROBOT.action_size))
+    action[0, ROBOT.action.forward] = 1.0
+    for _ in range(20):
+        world.step(action, base_speed=3.0)
+    assert world.sense().base_velocity[0, 0] == pytest.approx(fastest, rel=0.02)
+    action[0, [ROBOT.action.forward, ROBOT.action.turn]] = 0.0, 1.0
+    for _ in range(20):
+        world.step(action, base_speed=3.0)
+    assert world.sense().base_velocity[0, 2] == pytest.approx(fastest, rel=0.02)
 
 
 def test_furniture_stops_the_base(episodes):

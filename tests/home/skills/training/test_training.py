@@ -151,7 +151,8 @@ def test_training_starts_may_be_wider_than_those_that_are_scored(skill, task, wi
     monkeypatch.setattr(train, "train", lambda run, *_, **__: runs.append(run) or [])
     train_skill(skill, task, (0,), tmp_path)
     (run,) = runs
-    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "training=True"} | ({wider} - {""})
+    physics = {"grasp=kept", "base_speed=1.0"}
+    assert set(run.task.split(",")[1:]) - {""} == {f"task={task}", "training=True", *physics} | ({wider} - {""})
     assert wider == "" or wider not in run.command
 
 
