@@ -8,7 +8,7 @@ from dataclasses import fields
 from itertools import groupby
 
 from perdure.home.sim.robot import ROBOT
-from perdure.home.sim.scene import WorldOptions
+from perdure.home.sim.scene import SceneOptions
 from perdure.home.skills import SKILLS, Element, Skill, get_skill, learned_skills
 from perdure.home.skills.registry import env_id
 from perdure.home.skills.skill import FORCE_CAP, FORCE_COST, FORCE_MARGIN, PENALTY, SUCCESS_REWARD
@@ -75,7 +75,7 @@ def _series(element: Element) -> tuple[str, str, float, float]:
 
 
 def _actions(skill: Skill) -> Iterable[tuple[str, str]]:
-    base_speed = min(skill.base_speed, WorldOptions.base_speed)
+    base_speed = min(skill.base_speed, SceneOptions.base_speed)
     effects = [
         ("forward", f"speed of the base; 1 is {base_speed:g} m/s"),
         ("turn", f"turning speed to the left; 1 is {base_speed:g} rad/s"),

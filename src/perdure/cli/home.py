@@ -22,6 +22,7 @@ from perdure.cli.home_options import (
     Split,
     Task,
     World,
+    given_physics,
     parse_policies,
 )
 from perdure.cli.parse import Cores, On, call, check_folder
@@ -186,10 +187,11 @@ class Shown:
         chosen = parse_policies(self.policies)
         episode = load_episodes(self.task, self.split)[self.index]
         if not self.logs:
-            scene = SceneOptions(**vars(self.world))
+            given = given_physics(self.world)
+            scene = SceneOptions(**given)
             options = ExecutorOptions(self.eval_seed, scene=scene, planner=self.planner, fallback=self.fallback)
             first = EvaluationProtocol(self.task, "rl", self.split, episodes=1, policies=chosen, options=options)
-            named = [replace(first, place=each) for each in self.place or ("rl",)]
+            named = [replace(first, place=each).as_trained(given) for each in self.place or ("rl",)]
             return episode, [Agent(each, self.train_seed) for each in named]
         if (self.planner, self.fallback, self.world) != ("open", "oracle", WorldOptions()):
             raise PerdureError("with --logs, planner, fallback and physics are those of the logs: leave them out")
@@ -350,6 +352,9 @@ def run(
     protocol = runs.protocol(task, runs.episodes)
     for flags, skills in protocol.trained_otherwise().items():
         print(f"trained with other physics ({flags}): {', '.join(skills)}", file=sys.stderr)
+    unusual = protocol.options.scene.words
+    if unusual:
+        print(f"physics: {', '.join(unusual)}", file=sys.stderr)
     with show_progress(f"{task} {protocol.place}", "episodes") as observe:
         paths = run_protocol(protocol, out, cores=cores, on=on, command=command, observe=observe)
     _compare(paths, out / protocol.folder, command, {}, ("png",))

@@ -99,9 +99,10 @@ class RunOptions:
         from perdure.home.evaluate.execute import ExecutorOptions
         from perdure.home.evaluate.protocol import EvaluationProtocol
 
-        scene = SceneOptions(**vars(self.world))
+        given = given_physics(self.world)
+        scene = SceneOptions(**given)
         disturb = parse_home_disturbances(self.disturb)
-        return EvaluationProtocol(
+        protocol = EvaluationProtocol(
             task,
             self.place,
             self.split,
@@ -111,6 +112,12 @@ class RunOptions:
             policies=parse_policies(self.policies),
             options=ExecutorOptions(scene=scene, planner=self.planner, fallback=self.fallback, disturb=disturb),
         )
+        return protocol.as_trained(given)
+
+
+def given_physics(world: WorldOptions) -> dict[str, Any]:
+    """Return the variant of the physics as options of a scene, without those that are left to the policies."""
+    return {name: value for name, value in vars(world).items() if value is not None}
 
 
 def parse_policies(written: tuple[str, ...]) -> dict[str, str]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
@@ -94,6 +94,18 @@ class EvaluationProtocol:
     def policies_of(self, train_seed: int) -> dict[SkillName, SkillPolicy]:
         """Return the policy of each skill for a training seed; PerdureError as for `choose_policies`."""
         return choose_policies(self.task, train_seed, self.policies, self.release, self.options.planner)
+
+    def as_trained(self, chosen: Collection[str] = ()) -> Self:
+        """Return the protocol with the physics that all of its policies were trained with, if these are the same.
+
+        Args:
+            chosen: Names of physics that stay as they are.
+        """
+        known = [policy.physics for policy in self.policies_of(0).values() if policy.physics]
+        if not known or any(each != known[0] for each in known):
+            return self
+        theirs = {name: value for name, value in known[0].items() if name not in chosen}
+        return replace(self, options=replace(self.options, scene=replace(self.options.scene, **theirs)))
 
     def trained_otherwise(self) -> dict[str, list[SkillName]]:
         """Return the skills whose policies were trained with other physics, by the flags that name it."""

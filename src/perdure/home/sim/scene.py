@@ -61,11 +61,12 @@ class WorldOptions:
     physics_hz: int = PHYSICS_HZ
     """Physics steps per second: 120 or more, a multiple of 30."""
 
-    grasp: GraspRule = "kept"
-    """How the hand holds an object: as it was grasped, and it collides with the robot again after its release; or
-    snapped to the gripper's axes, and it never collides with the robot again (M3)."""
-    base_speed: float = 1.0
-    """Largest speed of the base in [m/s] and [rad/s]. Fetch: about 1; M3: 3, as for earlier policies."""
+    grasp: GraspRule | None = None
+    """How the hand holds an object: kept as it was grasped, and it collides with the robot again after its release; or
+    snapped to the gripper's axes, and it never collides with the robot again (M3). By default as the policies were
+    trained."""
+    base_speed: float | None = None
+    """Largest speed of the base in [m/s] and [rad/s]. Fetch: about 1; M3: 3. Default as for grasp."""
 
     def __post_init__(self) -> None:
         """Refuse values that are not allowed, and a physics rate that is no multiple of the control rate."""
@@ -75,8 +76,10 @@ class WorldOptions:
         if not isinstance(self.rolling, float | int) or not 0.0 <= self.rolling <= MOST_ROLLING:
             raise PerdureError(f"rolling must be a lever arm from 0 to {MOST_ROLLING:g} m, not {self.rolling!r}")
         for name, kinds in {"apple": get_args(AppleShape), "grasp": get_args(GraspRule)}.items():
-            if getattr(self, name) not in kinds:
+            if getattr(self, name) not in (*kinds, None):
                 raise PerdureError(f"{name} must be one of {', '.join(kinds)}, not {getattr(self, name)!r}")
+        if self.base_speed is None:
+            return
         if not isinstance(self.base_speed, float | int) or not 0.0 < self.base_speed <= FASTEST:
             raise PerdureError(f"base_speed must be above 0 and at most {FASTEST:g} m/s, not {self.base_speed!r}")
 
@@ -105,6 +108,8 @@ class WorldOptions:
 class SceneOptions(WorldOptions):
     """How a scene is built; the same options and episode give the same model."""
 
+    grasp: GraspRule = "kept"
+    base_speed: float = 1.0
     visuals: bool = False
     """Whether visual geometry is built: pictures need it, physics does not."""
     clutter: bool = True
