@@ -74,7 +74,7 @@ def test_the_release_strategy():
     assert make_strategy("wait", SimpleNamespace()).strategy == strategy
     assert describe(Strategy("wait")) == "wait a second"
     assert isinstance(strategy, ReleaseStrategy)
-    actions = list(strategy.motion(SimpleNamespace(base_error=(0.0, 0.0))))
+    actions = list(strategy.motion(SimpleNamespace(base_error=(0.0, 0.0), base_speed=1.0)))
     assert len(actions) == 30
     assert not np.any(actions)
 

@@ -52,7 +52,7 @@ PAGES = {
     "docs/home/differences.md": 1_200,
     "docs/home/index.md": 700,
     "docs/home/outcomes.md": 1_400,
-    "docs/home/physics.md": 400,
+    "docs/home/physics.md": 480,
     "docs/home/plan.md": 500,
     "docs/home/training.md": 1_200,
     "docs/home/world.md": 1_400,

@@ -135,7 +135,7 @@ class Summary(Record, frozen=True):
 
     def to_json(self) -> str:
         """Return the document."""
-        return msgspec.json.format(msgspec.json.encode(self), indent=2).decode()
+        return json.dumps(msgspec.to_builtins(self), indent=2, allow_nan=False)
 
 
 def json_schema() -> str:
