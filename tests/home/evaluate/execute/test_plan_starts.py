@@ -1,5 +1,6 @@
 """Start states recorded from plans: what they hold, and that an environment begins in them."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,9 @@ from msgspec.structs import replace
 
 from perdure.errors import PerdureError
 from perdure.home.evaluate import plan_starts
+from perdure.home.evaluate.execute import ExecutorOptions
 from perdure.home.sim.pieces import CONTAINERS
+from perdure.home.sim.scene import EARLIER, SceneOptions
 from perdure.home.skills import environment, get_skill
 from perdure.home.skills.environment import HomeSkillVectorEnv, SkillEnvOptions
 from perdure.home.skills.starts import TOUCH, put, read_plan_starts, touching
@@ -31,6 +34,9 @@ def recorded(tmp_path_factory):
         patch.setattr(plan_starts, "train_pool", lambda task: POOL)
         patch.setattr(environment, "train_pool", lambda task, count=None: POOL)
         patch.setattr(plan_starts, "RUNS", 1)
+        # The physics that the shipped policies were trained with, so that their plans go on to the end.
+        earlier = partial(ExecutorOptions, scene=SceneOptions(**EARLIER))
+        patch.setattr(plan_starts, "ExecutorOptions", earlier)
         plan_starts.record_plan_starts("set_table")
         yield {skill: by_target(read_plan_starts("set_table", skill)) for skill in USED}
 

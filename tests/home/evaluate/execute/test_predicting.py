@@ -12,6 +12,7 @@ from perdure.home.agents.learned import Learned, Predicting
 from perdure.home.evaluate.execute import Executor, ExecutorOptions
 from perdure.home.evaluate.policies import choose_policies, make_agents
 from perdure.home.evaluate.protocol import EvaluationProtocol
+from perdure.home.sim.scene import EARLIER, SceneOptions
 from perdure.home.skills import get_skill
 from perdure.home.tasks.episodes import load_episodes
 
@@ -28,7 +29,7 @@ def test_a_function_acts_as_the_policy_that_it_calls():
     }
     assert all(isinstance(shipped[skill], Learned) for skill in policies)
     episodes = load_episodes("set_table", "val").episodes[3:5]
-    options = ExecutorOptions(lanes=2, settle_steps=2)
+    options = ExecutorOptions(lanes=2, settle_steps=2, scene=SceneOptions(**EARLIER))  # as they were trained
     ran = []
     for agents in (shipped, {**shipped, **foreign}):
         logs = list(Executor(EvaluationProtocol("set_table").skills(), agents, options).run(episodes))

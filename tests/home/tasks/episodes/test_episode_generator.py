@@ -180,6 +180,7 @@ def test_publishing_writes_the_splits_of_every_task_and_says_what_was_thrown_awa
     assert refusals["tidy_house_val"]["a goal is too close to its start"] > 0
 
 
+@pytest.mark.verify
 def test_publishing_one_task_leaves_the_files_of_the_others_and_writes_what_all_together_write(
     quick, tmp_path, monkeypatch
 ):
