@@ -170,6 +170,7 @@ def test_a_folder_of_another_evaluation_is_not_replaced(weak, trained, tmp_path)
         cure(weak, tmp_path / "elsewhere", seed=(1,))
 
 
+@pytest.mark.verify
 def test_the_command_trains_a_network_in_onnx(weak, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(options, "CALM_STEPS", 300)
     model = export_onnx(load_policy(weak), tmp_path / "model.onnx")

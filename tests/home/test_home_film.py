@@ -56,6 +56,7 @@ def filmed(*arguments, **options):
         raise
 
 
+@pytest.mark.verify
 def test_a_recording_is_the_trajectory_of_the_protocol(monkeypatch):
     """An executor that is not filmed has the same states. Skills are cut short."""
     for skill in SKILLS:

@@ -162,6 +162,7 @@ def test_a_discount_does_not_learn_what_pays_in_the_long_run(tmp_path):
     assert planted(load_policy(path)) < 0.1
 
 
+@pytest.mark.verify
 def test_what_pays_in_the_long_run_is_learned_and_the_average_reward_found_across_a_checkpoint(tmp_path):
     config = PPOConfig(protocol=CUT, estimator="average-reward", total_steps=512 * 16, segment_steps=512 * 8, **SMALL)
     segments = Segments("gymnasium:perdure-Orchard-v0", config, threads=1)

@@ -64,6 +64,7 @@ def test_it_is_killed_and_resumes(installed, trained, tmp_path):
         assert (tmp_path / SEED / name).read_bytes() == (trained / name).read_bytes()
 
 
+@pytest.mark.verify
 def test_it_learns_and_is_judged(installed, trained, tmp_path):
     policy = trained / "policy.safetensors"
     judged = command("extrapolate", policy, "--steps", 1000, "--disturb", "none", "--json", "--out", tmp_path / "out")

@@ -69,12 +69,14 @@ def arrays(folder):
     return {name: array.tobytes() for name, array in load_file(folder / "policy.safetensors").items()}
 
 
+@pytest.mark.verify
 def test_its_policies_are_those_of_both_trainings_bit_for_bit(steady, both):
     folder, _ = steady
     assert arrays(folder) == arrays(both[1]) != arrays(both[0])
     assert arrays(folder / "stage-1") == arrays(both[0])
 
 
+@pytest.mark.verify
 def test_its_curves_go_on_where_the_first_stage_ends(steady, both):
     folder, reports = steady
     for name in CURVES:
@@ -87,6 +89,7 @@ def test_its_curves_go_on_where_the_first_stage_ends(steady, both):
     assert reports[-1].share == 1.0
 
 
+@pytest.mark.verify
 def test_its_policy_names_both_stages(steady, both):
     folder, _ = steady
     known = load_policy(folder / "policy.safetensors").provenance

@@ -35,6 +35,7 @@ def policy(tmp_path_factory):
     return load_policy(path)
 
 
+@pytest.mark.verify
 def test_a_score_counts_every_episode_once(policy, monkeypatch):
     monkeypatch.setattr(SKILLS["place"], "step_limit", 60)
     score = evaluate_skill(policy, "place", 12, lanes=4, task="set_table", episodes=2)

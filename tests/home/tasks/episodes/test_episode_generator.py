@@ -169,6 +169,7 @@ def test_receptacles_objects_and_headings_are_drawn_evenly(quick):
     }
 
 
+@pytest.mark.verify
 def test_publishing_writes_the_splits_of_every_task_and_says_what_was_thrown_away(quick, tmp_path, monkeypatch):
     quick("", 0.0)
     monkeypatch.setattr(generation, "PER_APARTMENT", dict.fromkeys(("val", "eval", "eval-2"), 1))
