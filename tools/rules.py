@@ -77,6 +77,7 @@ PAGES = {
     "docs/tutorials/does-my-sb3-agent-hold.md": 820,
     "docs/tutorials/my-own-environment.md": 400,
     "docs/tutorials/time-to-go-in-sb3.md": 500,
+    "results/agents/README.md": 780,
     "results/compare/README.md": 450,
     "results/cure/README.md": 650,
     "results/cure/registered.md": 600,

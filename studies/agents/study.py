@@ -158,6 +158,6 @@ def _cell(rows: pl.DataFrame) -> str:
     parts = [f"{row['hold']} of {row['episodes']}"]
     if row["failures"]:
         parts.append(f"every {wording.duration(row['hours'] / row['failures'])}")
-    elif row["median_failure_step"] is not None and row["hold"] < row["episodes"]:
+    elif row["median_failure_step"]:
         parts.append(f"half by step {row['median_failure_step']:,.0f}")
     return f"{row['verdict']} ({', '.join(parts)})"
