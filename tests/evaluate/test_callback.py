@@ -99,6 +99,7 @@ def test_it_logs_at_the_start_every_so_many_steps_and_at_the_end(module):
     assert 5 <= logged["perdure/median_failure_step_calm"] <= 60
 
 
+@pytest.mark.verify
 def test_the_model_is_saved_when_it_is_better_than_the_saved_one(module, tmp_path):
     class Learning(Model):
         """Walks at a speed that each 100 steps of training change, and saves its speed."""

@@ -52,6 +52,7 @@ def test_an_added_time_to_go_has_no_effect_at_first(base, conditioning):
         np.testing.assert_allclose(acted, policy.act(STATES, ELAPSED), rtol=1e-6)
 
 
+@pytest.mark.verify
 def test_a_time_to_go_in_the_critic_only_never_reaches_the_actions():
     acts = {}
     for conditioning in ("critic", "concatenate"):

@@ -24,6 +24,7 @@ def short(monkeypatch):
     monkeypatch.setattr(films, "RATE", 2.0)
 
 
+@pytest.mark.verify
 def test_a_calm_episode_is_filmed_beside_a_disturbed_one(policy_file, tmp_path):
     policy = read_file(policy_file, model_digest(policy_file), str(ANT), 50)
     film = watch(policy, tmp_path / "film.gif", disturb=["action_noise:0.5"], steps=100, size=(96, 64))

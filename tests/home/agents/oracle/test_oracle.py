@@ -29,6 +29,7 @@ def solve(task, split, numbers, lanes=2):
     return [all(latched(log)) for log in executor.run([episodes[k] for k in numbers])]
 
 
+@pytest.mark.verify
 def test_it_solves_an_episode():
     assert solve("tidy_house", "val", (18,)) == [True]
 

@@ -48,6 +48,7 @@ def soak(skill, episodes, memory=lambda: 0.0):
     return found
 
 
+@pytest.mark.verify
 @pytest.mark.parametrize("skill", ["place", "open_drawer"])
 def test_a_sample_of_random_episodes(skill):
     soak(skill, 40)
