@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,24 +42,20 @@ def units(store: Path) -> list[Unit]:
     found = []
     for task in TASKS:
         for seed in SEEDS:
-            base = _training(task, seed, KINDS[0], None)
+            base = _training(task, seed, KINDS[0], STEPS)
             found += [base, _verdict(task, base, store)]
             for kind in KINDS[1:]:
-                further = _training(task, seed, kind, base, store)
+                further = _training(task, seed, kind, FURTHER_STEPS)
+                start = str((store / base.key).resolve())
+                further = replace(further, arguments={**further.arguments, "start": start}, after=(base.key,))
                 found += [further, _verdict(task, further, store)]
     return found
 
 
-def _training(task: str, seed: int, kind: str, base: Unit | None, store: Path = OUT) -> Unit:
-    config: dict[str, Any] = {"task": task, "seed": seed, "kind": kind, "steps": STEPS}
-    arguments = dict(config)
-    needs: tuple[str, ...] = ()
-    if base is not None:
-        config["steps"] = arguments["steps"] = FURTHER_STEPS
-        arguments["start"] = str((store / base.key).resolve())
-        needs = (base.key,)
+def _training(task: str, seed: int, kind: str, steps: int) -> Unit:
+    config = {"task": task, "seed": seed, "kind": kind, "steps": steps}
     name = kind.replace(", ", "-").replace(" ", "-")
-    return Unit(f"sb3/{task}/{name}/seed-{seed}", config, f"{MODULE}:train", arguments, needs, float(config["steps"]))
+    return Unit(f"sb3/{task}/{name}/seed-{seed}", config, f"{MODULE}:train", config, size=float(steps))
 
 
 def _verdict(task: str, training: Unit, store: Path) -> Unit:

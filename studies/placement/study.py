@@ -55,7 +55,7 @@ def finished_logs(row: Row, store: Path) -> list[Path]:
     """Return the logs of all blocks of a row; none while one is missing."""
     protocol = row.protocol()
     runs = Store(store)
-    keys = [block.key(protocol) for block in episode_blocks(protocol, runs)]
+    keys = [block.key for block in episode_blocks(protocol, runs)]
     return [runs.get(key) / LOGS for key in keys] if all(map(runs.done, keys)) else []
 
 

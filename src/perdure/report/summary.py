@@ -37,7 +37,7 @@ LIBRARIES = ("envpool", "gymnasium", "mujoco", "numpy")
 """Whose versions decide the result."""
 
 
-class Bound(Record, frozen=True):
+class EstimateSummary(Record, frozen=True):
     """An estimate with its interval; None where it is unknown."""
 
     estimate: float | None
@@ -50,7 +50,7 @@ class Bound(Record, frozen=True):
         return cls(*(_last(each) for each in (interval.estimate, interval.lower, interval.upper)))
 
 
-class Bounds(Record, frozen=True):
+class Thresholds(Record, frozen=True):
     """The numbers that decide."""
 
     share_that_holds: float
@@ -94,13 +94,13 @@ class GroupSummary(Record, frozen=True):
     clean: bool
     reasons: dict[str, str]
     outcomes: dict[str, int]
-    share_that_holds: Bound
-    mean_return: Bound
-    end_score_vs_training: Bound
-    work_vs_calm: Bound
-    work_vs_published: Bound
+    share_that_holds: EstimateSummary
+    mean_return: EstimateSummary
+    end_score_vs_training: EstimateSummary
+    work_vs_calm: EstimateSummary
+    work_vs_published: EstimateSummary
     median_failure_step: float | None
-    failures_per_hour: Bound | None
+    failures_per_hour: EstimateSummary | None
     measures: dict[str, float]
     training_runs: list[TrainingRun]
 
@@ -112,7 +112,7 @@ class Summary(Record, frozen=True):
     holds: bool
     clean: bool
     stopped_early: EarlyStop | None
-    bounds: Bounds
+    bounds: Thresholds
     groups: list[GroupSummary]
     table: str
     page: str
@@ -126,7 +126,7 @@ class Summary(Record, frozen=True):
             holds=not not_holding(estimates),
             clean=not not_clean(estimates),
             stopped_early=early_stop(notes),
-            bounds=Bounds(HOLDING_SHARE, HOLDS_FROM, IDLE_BELOW, CALM_WORK),
+            bounds=Thresholds(HOLDING_SHARE, HOLDS_FROM, IDLE_BELOW, CALM_WORK),
             groups=[_group(item) for items in estimates.values() for item in items],
             table=str(table.resolve()),
             page=str(page.resolve()),
@@ -232,7 +232,7 @@ def _group(item: Estimate) -> GroupSummary:
     rate = group.failure_rate
     hourly = None
     if rate is not None:
-        hourly = Bound(*(_last(each) for each in (rate.per_hour, rate.lower, rate.upper)))
+        hourly = EstimateSummary(*(_last(each) for each in (rate.per_hour, rate.lower, rate.upper)))
     return GroupSummary(
         task=group.task,
         policy=group.policies,
@@ -245,11 +245,11 @@ def _group(item: Estimate) -> GroupSummary:
         clean=item.verdict.clean,
         reasons=dict(item.verdict.caveats),
         outcomes=dict(Counter(group.verdicts)),
-        share_that_holds=Bound.of(item.verdict.share),
-        mean_return=Bound.of(item.returns),
-        end_score_vs_training=Bound.of(item.final_score),
-        work_vs_calm=Bound.of(item.work_vs_calm),
-        work_vs_published=Bound.of(item.work_vs_published),
+        share_that_holds=EstimateSummary.of(item.verdict.share),
+        mean_return=EstimateSummary.of(item.returns),
+        end_score_vs_training=EstimateSummary.of(item.final_score),
+        work_vs_calm=EstimateSummary.of(item.work_vs_calm),
+        work_vs_published=EstimateSummary.of(item.work_vs_published),
         median_failure_step=_last(group.half_failed_by),
         failures_per_hour=hourly,
         measures=medians(group),

@@ -13,7 +13,6 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import product
 from pathlib import Path
 
 from perdure.errors import PerdureError
@@ -33,9 +32,10 @@ from perdure.home.evaluate.execute import Executor
 from perdure.home.evaluate.log import UNTRAINED
 from perdure.home.evaluate.policies import SkillPolicy, choose_policies, make_agents
 from perdure.home.evaluate.protocol import (
+    Block,
     EvaluationProtocol,
-    block_spans,
     check_distinct_seeds,
+    make_blocks,
     policy_digests,
     run_config,
 )
@@ -111,36 +111,9 @@ class DayProtocol:
         return {name: get_skill(name, **(release if name == "place" else {})) for name in names}
 
 
-@dataclass(frozen=True)
-class HomeBlock:
-    """Consecutive homes with one training seed and one evaluation seed."""
-
-    train_seed: int
-    eval_seed: int
-    first: int
-    """Number of the first home."""
-    last: int
-    """Number of the last home."""
-
-    def key(self, protocol: DayProtocol) -> str:
-        """Return its place in the store."""
-        seeds = f"train-{self.train_seed}/eval-{self.eval_seed}"
-        return f"{protocol.folder}/{seeds}/homes-{self.first:03d}-{self.last:03d}"
-
-
-def home_blocks(protocol: DayProtocol, store: Store) -> Iterator[HomeBlock]:
-    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
-    seeds = product(range(protocol.first.eval_seeds), range(protocol.first.train_seeds))
-    for eval_seed, train_seed in seeds:
-        yield from _blocks_of(protocol, store, train_seed, eval_seed)
-
-
-def _blocks_of(protocol: DayProtocol, store: Store, train_seed: int, eval_seed: int) -> Iterator[HomeBlock]:
-    def finished(first: int, last: int) -> bool:
-        return store.done(HomeBlock(train_seed, eval_seed, first, last).key(protocol))
-
-    for first, last in block_spans(protocol.first.episodes, HOMES_SIDE_BY_SIDE, finished):
-        yield HomeBlock(train_seed, eval_seed, first, last)
+def home_blocks(protocol: DayProtocol, store: Store) -> Iterator[Block]:
+    """Yield all blocks of a protocol, see `make_blocks`."""
+    yield from make_blocks(protocol.first, protocol.folder, "homes", HOMES_SIDE_BY_SIDE, store)
 
 
 def day_units(protocol: DayProtocol, command: str, store: Store) -> Iterator[Unit]:
@@ -160,7 +133,7 @@ def day_units(protocol: DayProtocol, command: str, store: Store) -> Iterator[Uni
         arguments = {"protocol": protocol, "block": block, "policies": acting, "command": command}
         size = float(block.last - block.first + 1)
         cores = len(os.sched_getaffinity(0))
-        yield Unit(block.key(protocol), config, f"{__name__}:run_homes", arguments, size=size, cores=cores)
+        yield Unit(block.key, config, f"{__name__}:run_homes", arguments, size=size, cores=cores)
 
 
 @dataclass(frozen=True)
@@ -191,7 +164,7 @@ class Asked:
     errand: Errand
 
 
-def run_homes(work: Work, *, protocol: DayProtocol, block: HomeBlock, policies: Policies, command: str) -> bool:
+def run_homes(work: Work, *, protocol: DayProtocol, block: Block, policies: Policies, command: str) -> bool:
     """Run the next errand of every home of a block; the function of the units.
 
     Returns:
@@ -227,7 +200,7 @@ def run_homes(work: Work, *, protocol: DayProtocol, block: HomeBlock, policies: 
 
 
 def _round(
-    protocol: DayProtocol, block: HomeBlock, policies: Policies, days: Sequence[HomeDay], threads: int
+    protocol: DayProtocol, block: Block, policies: Policies, days: Sequence[HomeDay], threads: int
 ) -> tuple[HomeDay, ...]:
     """Return the days after one more errand of each home whose day is not over."""
     after = {day.home: day for day in days}
@@ -271,7 +244,7 @@ def next_errand(protocol: DayProtocol, eval_seed: int, day: HomeDay) -> Errand |
 
 def _run_errands(
     protocol: DayProtocol,
-    block: HomeBlock,
+    block: Block,
     policies: Mapping[SkillName, SkillPolicy],
     asked: Sequence[Asked],
     threads: int,
@@ -328,7 +301,7 @@ def find_errands(
     if not numbers or min(numbers) < 1:
         raise PerdureError(f"errands are numbered from 1, not {', '.join(map(str, numbers)) or 'by nothing'}")
     policies = protocol.policies_of(train_seed)
-    block = HomeBlock(train_seed, eval_seed, home, home)
+    block = Block(protocol.folder, "homes", train_seed, eval_seed, home, home)
     day = HomeDay(home, first_state(protocol.errands, protocol.first.split, home, eval_seed)[1])
     found = {}
     for number in range(1, max(numbers) + 1):

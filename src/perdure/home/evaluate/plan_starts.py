@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 
 from perdure.home.evaluate.execute import Executor, ExecutorOptions, Running
-from perdure.home.evaluate.policies import make_agents, shipped_seeds
+from perdure.home.evaluate.policies import ORACLE, make_agents, shipped_seeds
 from perdure.home.evaluate.protocol import EvaluationProtocol
 from perdure.home.sim.robot import ROBOT
 from perdure.home.sim.vector_simulator import VectorSimulator
+from perdure.home.skills import SKILLS
 from perdure.home.skills.starts import TOUCH, PlanStart, open_links, plan_starts_file, touching, train_pool
 from perdure.home.tasks.planners import needed_skills
 from perdure.home.tasks.tasks import get_task
@@ -23,7 +25,10 @@ RUNS = 3
 
 
 def record_plan_starts(task: str) -> None:
-    """Run the training episodes with the shipped policies and store the states; nothing where that is done."""
+    """Run the training episodes and store the states in which skills begin; nothing where that is done.
+
+    The shipped policies act; where they were trained with other physics, the oracle.
+    """
     if (path := plan_starts_file(task)).exists():
         return
     print(f"recording start states of {task} (once, some minutes)", file=sys.stderr, flush=True)
@@ -32,6 +37,8 @@ def record_plan_starts(task: str) -> None:
     sets = min(filter(None, counts), default=1)
     for run in range(RUNS):
         protocol = EvaluationProtocol(task, options=ExecutorOptions(eval_seed=run, planner="closed"))
+        if protocol.trained_otherwise():  # with this physics the shipped policies fail, and so would their plans
+            protocol = replace(protocol, policies=dict.fromkeys(SKILLS, ORACLE))
         executor = Executor(protocol.skills(), make_agents(protocol.policies_of(run % sets), "rl"), protocol.options)
         for _ in executor.run(train_pool(task).episodes, lambda *now: rows.extend(found_states(*now))):
             pass

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from perdure.errors import PerdureError
 from perdure.home.agents.release import HandOver
@@ -124,34 +124,51 @@ class EvaluationProtocol:
 
 
 @dataclass(frozen=True)
-class EpisodeBlock:
-    """Consecutive episodes with one training seed and one evaluation seed."""
+class Block:
+    """Consecutive episodes, or homes, with one training seed and one evaluation seed: what one unit runs."""
 
+    folder: str
+    """Of its protocol in the store."""
+    kind: Literal["episodes", "homes"]
     train_seed: int
     eval_seed: int
     first: int
-    """Number of the first episode."""
+    """Number of the first one."""
     last: int
-    """Number of the last episode."""
+    """Number of the last one."""
 
-    def key(self, protocol: EvaluationProtocol) -> str:
+    @property
+    def key(self) -> str:
         """Return its place in the store."""
         seeds = f"train-{self.train_seed}/eval-{self.eval_seed}"
-        return f"{protocol.folder}/{seeds}/episodes-{self.first:03d}-{self.last:03d}"
+        return f"{self.folder}/{seeds}/{self.kind}-{self.first:03d}-{self.last:03d}"
 
 
-def episode_blocks(protocol: EvaluationProtocol, store: Store) -> Iterator[EpisodeBlock]:
-    """Yield all blocks of a protocol, training seeds first, so that early results cover every policy."""
+def episode_blocks(protocol: EvaluationProtocol, store: Store) -> Iterator[Block]:
+    """Yield all blocks of a protocol, see `make_blocks`."""
+    yield from make_blocks(protocol, protocol.folder, "episodes", BLOCK, store)
+
+
+def make_blocks(
+    protocol: EvaluationProtocol, folder: str, kind: Literal["episodes", "homes"], size: int, store: Store
+) -> Iterator[Block]:
+    """Yield blocks of `size` of a protocol's episodes, training seeds first, so that early results cover every policy.
+
+    Args:
+        protocol: Has the numbers of episodes and seeds.
+        folder: Where the store keeps the blocks.
+        kind: What an episode is here.
+        size: Episodes in a block.
+        store: Has the blocks that are finished.
+    """
     for eval_seed, train_seed in product(range(protocol.eval_seeds), range(protocol.train_seeds)):
-        yield from _blocks_of(protocol, store, train_seed, eval_seed)
+        block = Block(folder, kind, train_seed, eval_seed, 0, 0)
 
+        def finished(first: int, last: int, block: Block = block) -> bool:
+            return store.done(replace(block, first=first, last=last).key)
 
-def _blocks_of(protocol: EvaluationProtocol, store: Store, train_seed: int, eval_seed: int) -> Iterator[EpisodeBlock]:
-    def finished(first: int, last: int) -> bool:
-        return store.done(EpisodeBlock(train_seed, eval_seed, first, last).key(protocol))
-
-    for first, last in block_spans(protocol.episodes, BLOCK, finished):
-        yield EpisodeBlock(train_seed, eval_seed, first, last)
+        for first, last in block_spans(protocol.episodes, size, finished):
+            yield replace(block, first=first, last=last)
 
 
 def block_spans(count: int, size: int, done: Callable[[int, int], bool]) -> Iterator[tuple[int, int]]:
@@ -187,7 +204,7 @@ def protocol_units(protocol: EvaluationProtocol, command: str, store: Store) -> 
         config = _config(protocol, block, acting)
         size = float(block.last - block.first + 1)
         cores = len(os.sched_getaffinity(0))
-        yield Unit(block.key(protocol), config, f"{__name__}:run_block", arguments, size=size, cores=cores)
+        yield Unit(block.key, config, f"{__name__}:run_block", arguments, size=size, cores=cores)
 
 
 def check_distinct_seeds(digests: Mapping[int, Any]) -> None:
@@ -214,9 +231,7 @@ def noted_protocol(notes: Mapping[str, str], name: object) -> EvaluationProtocol
     return protocol
 
 
-def run_block(
-    work: Work, *, protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies, command: str
-) -> None:
+def run_block(work: Work, *, protocol: EvaluationProtocol, block: Block, policies: Policies, command: str) -> None:
     """Execute a block and write its logs into the work folder; the function of the units.
 
     Raises:
@@ -242,7 +257,7 @@ def run_block(
     write_logs(work.folder / LOGS, logs, notes)
 
 
-def _config(protocol: EvaluationProtocol, block: EpisodeBlock, policies: Policies) -> dict[str, Any]:
+def _config(protocol: EvaluationProtocol, block: Block, policies: Policies) -> dict[str, Any]:
     """Return everything that the logs of a block depend on."""
     return {
         "task": protocol.task,

@@ -39,7 +39,7 @@ def test_units_cover_every_episode_of_every_seed_once():
         for episode in range(part.first, part.last + 1)
     ]
     assert sorted(seen) == [(t, e, k) for t in range(2) for e in range(3) for k in range(25)]
-    keys = [part.key(protocol) for part in episode_blocks(protocol, NOWHERE)]
+    keys = [part.key for part in episode_blocks(protocol, NOWHERE)]
     assert len(set(keys)) == len(keys)
 
 
@@ -49,7 +49,7 @@ def test_more_or_fewer_episodes_repeat_none(tmp_path):
         protocol = EvaluationProtocol("set_table", episodes=episodes)
         blocks = list(episode_blocks(protocol, store))
         spans.append([(block.first, block.last) for block in blocks])
-        for key in (block.key(protocol) for block in blocks):
+        for key in (block.key for block in blocks):
             if not store.done(key):
                 with store.workspace(key, {}):
                     pass
