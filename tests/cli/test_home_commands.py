@@ -124,7 +124,7 @@ def test_a_run_is_kept_and_analyzed(command, tmp_path):
     again = succeeded(command("home", "run", *arguments, cwd=tmp_path))  # nothing is run a second time
     assert again == text
     assert succeeded(command("home", "analyze", "kept", cwd=tmp_path)) in text
-    page = tmp_path / "kept" / "set_table" / "val" / "rl-snapped-grasp-base-speed-3" / "report.html"
+    page = tmp_path / "kept" / "set_table" / "val" / "rl-snapped-grasp-base-3-m-per-s" / "report.html"
     assert f"Report: {page}" in text
     assert "perdure home run set_table --episodes 1" in page.read_text()
     assert "scripted oracle" in page.read_text()
@@ -209,8 +209,8 @@ def test_a_view_repeats_the_logged_runs_of_its_episode(ran):
 def test_a_view_without_logs_shows_learned_policies_under_each_strategy():
     _, agents = Shown("set_table", place=("rl", "guarded"), planner="closed", eval_seed=2).open()
     assert [agent.protocol.strategy.name for agent in agents] == [
-        "rl, snapped grasp, base speed 3, closed",
-        "guarded, snapped grasp, base speed 3, closed",
+        "rl, snapped grasp, base 3 m per s, closed",
+        "guarded, snapped grasp, base 3 m per s, closed",
     ], "the physics that the shipped policies were trained with"
     assert all(policy.learned for agent in agents for policy in agent.policies.values())
     assert agents[0].protocol.options.eval_seed == 2

@@ -99,7 +99,7 @@ class WorldOptions:
         numbers = {
             "physics_hz": f"{self.physics_hz}-hz",
             "rolling": rolling,
-            "base_speed": f"base-speed-{self.base_speed:g}",
+            "base_speed": f"base-{self.base_speed:g}-m-per-s",
         }
         return tuple({**_WORDS, **numbers}[name] for name in self.unusual)
 

@@ -44,7 +44,7 @@ def test_a_table_of_version_1_is_of_the_earlier_physics(tmp_path, monkeypatch):
     monkeypatch.undo()
     again, _ = read_days(path)
     assert again.drop("world").equals(frame.drop("world"))
-    assert set(again["world"]) == {"snapped grasp, base speed 3"}
+    assert set(again["world"]) == {"snapped grasp, base 3 m per s"}
 
 
 def test_a_damaged_or_foreign_file_is_refused(tmp_path):

@@ -282,7 +282,7 @@ def without_touches(path):
     return frame.with_columns(releases=pl.col("releases").list.eval(pl.struct(*kept)))
 
 
-@pytest.mark.parametrize(("named", "world"), [(True, ""), (False, "snapped grasp, base speed 3")])
+@pytest.mark.parametrize(("named", "world"), [(True, ""), (False, "snapped grasp, base 3 m per s")])
 def test_a_file_of_version_5_is_of_the_earlier_physics_unless_its_note_names_another(path, logs, named, world):
     noted = asdict(EvaluationProtocol("prepare_groceries", "ik"))
     if not named:

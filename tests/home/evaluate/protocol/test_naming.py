@@ -90,8 +90,8 @@ def test_a_log_from_before_grasp_and_speed_were_options_is_of_the_earlier_physic
     earlier = noted_protocol({"protocol": json.dumps(noted)}, "it")
     del noted["options"]["scene"]["grasp"], noted["options"]["scene"]["base_speed"]
     assert noted_protocol({"protocol": json.dumps(noted)}, "it") == earlier
-    assert earlier.strategy.world == "snapped grasp, base speed 3"
-    assert earlier.folder == "tidy_house/val/rl-snapped-grasp-base-speed-3"
+    assert earlier.strategy.world == "snapped grasp, base 3 m per s"
+    assert earlier.folder == "tidy_house/val/rl-snapped-grasp-base-3-m-per-s"
 
 
 @pytest.mark.parametrize(("planner", "fallback", "word"), [("open", "none", "closed"), ("closed", "oracel", "oracle")])
